@@ -1,0 +1,22 @@
+# Every target does its own set-up (.venv and system libraries); a second run reuses it.
+# ARGS go to the command: make test ARGS="tests/geometry -x"
+
+.PHONY: demo test lint bench setup clean
+
+test: setup
+	@tools/test.sh $(ARGS)
+
+demo: setup
+	@tools/demo.sh $(ARGS)
+
+lint: setup
+	@tools/lint.sh
+
+bench: setup
+	@tools/bench.sh $(ARGS)
+
+setup:
+	@tools/setup.sh
+
+clean:
+	@tools/clean.sh
