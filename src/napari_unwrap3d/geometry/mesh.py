@@ -21,8 +21,9 @@ Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Bools = npt.NDArray[np.bool_]
 
-# A face counts as degenerate below this fraction of the mean area.
-DEGENERATE_AREA = 1e-10
+# A face counts as degenerate below this radius ratio: its corners are in line to within
+# a thousandth of its longest edge.
+DEGENERATE_RATIO = 1e-5
 
 
 class Edges(NamedTuple):
@@ -106,12 +107,8 @@ def radius_ratio(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Floats:
 
 
 def degenerate_faces(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> Bools:
-    """True (m,) for faces with a repeated vertex or (next to) no area."""
-    faces = np.asarray(faces)
-    a, b, c = faces.T
-    areas = face_areas(vertices, faces)
-    flat = areas <= DEGENERATE_AREA * areas.mean()
-    found: Bools = flat | (a == b) | (b == c) | (c == a)
+    """True (m,) for faces with a repeated vertex or corners (next to) in line."""
+    found: Bools = radius_ratio(vertices, faces) < DEGENERATE_RATIO
     return found
 
 
@@ -419,7 +416,7 @@ def mesh_report(vertices: npt.ArrayLike, faces: npt.ArrayLike) -> dict[str, Any]
         "nonmanifold_edges": int((edges.valence > 2).sum()),
         "nonmanifold_vertices": pinched,
         "watertight": watertight,
-        "degenerate_faces": int(degenerate_faces(vertices, faces).sum()),
+        "degenerate_faces": int((ratio < DEGENERATE_RATIO).sum()),
         "radius_ratio_mean": float(ratio.mean()),
         "radius_ratio_min": float(ratio.min()),
         "radius_ratio_p1": float(np.percentile(ratio, 1)),
