@@ -19,7 +19,17 @@ PROJECT = Path(__file__).resolve().parents[1]
 PACKAGE = PROJECT / "src" / "napari_unwrap3d"
 NAME = PACKAGE.name
 
-INTERFACE = {"napari", "qtpy", "PyQt5", "PyQt6", "PySide2", "PySide6", "vispy", "magicgui", "superqt"}
+INTERFACE = {
+    "napari",
+    "qtpy",
+    "PyQt5",
+    "PyQt6",
+    "PySide2",
+    "PySide6",
+    "vispy",
+    "magicgui",
+    "superqt",
+}
 SLOW_TO_IMPORT = {"dask", "h5py", "matplotlib", "trimesh", "vtk", "vtkmodules", "zarr"}
 
 FOUNDATION = {"errors", "progress", "charts", "parameters"}
@@ -70,8 +80,9 @@ def rooms_imported(path: Path) -> set[str]:
 
 
 def run_fresh(code: str) -> list[str]:
-    """Run code in a new interpreter and return the list that it prints as JSON."""
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    """Run code in a new interpreter, warnings as errors, and return the list it prints as JSON."""
+    command = [sys.executable, "-W", "error", "-c", code]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     result: list[str] = json.loads(done.stdout)
     return result
