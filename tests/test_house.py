@@ -185,7 +185,7 @@ def hard_dependencies() -> set[str]:
 
 
 def licence(distribution: str) -> str:
-    """What a distribution says its licence is: the expression, else the classifiers, else a line."""
+    """What a distribution says its licence is: expression, else classifiers, else a line."""
     about = metadata.metadata(distribution)
     classifiers = [c for c in about.get_all("Classifier", []) if c.startswith("License ::")]
     stated = about.get("License-Expression") or "; ".join(classifiers) or about.get("License", "")
@@ -193,7 +193,7 @@ def licence(distribution: str) -> str:
 
 
 def is_copyleft(stated: str) -> bool:
-    """Whether a licence is of the GPL family; compiled-in runtime libraries are excepted from it."""
+    """Whether a licence is of the GPL family; GCC's runtime libraries are excepted from it."""
     without_runtime = re.sub(r"GPL-[\w.-]+ WITH GCC-exception[\w.-]*", "", stated)
     return bool(re.search(r"GPL|GNU.*General Public", without_runtime, re.IGNORECASE))
 
