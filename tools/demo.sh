@@ -3,8 +3,7 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
-window=()
 if has_display; then
-  window=(--window)
+  set -- --window "$@"
 fi
-exec "$VENV/bin/napari-unwrap3d" demo "${window[@]}" "$@"
+exec "$VENV/bin/napari-unwrap3d" demo "$@"
