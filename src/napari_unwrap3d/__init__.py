@@ -1,0 +1,97 @@
+"""Unwrap the surface of a cell: from a 3D stack to every chart of it, and the maps between.
+
+The public API in one screen::
+
+    import napari_unwrap3d as unwrap3d
+
+    stack = unwrap3d.read_stack("cell.tif")                     # or read_mesh, or Mask(...)
+    atlas = unwrap3d.unwrap(stack, unwrap3d.Parameters.preset("blebs"))
+    points, valid = atlas.map(points, "surface", "uv")
+    values = atlas.carry(values, "uv", "surface", kind="label")
+    atlas.save("cell.unwrap3d")
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from .errors import Cancelled, Unwrap3DError
+from .progress import Progress
+from .provenance import package_version
+
+if TYPE_CHECKING:
+    from . import simulate
+    from .atlas import Atlas, load
+    from .charts import (
+        UV,
+        Mask,
+        Reference,
+        SealedSurface,
+        Sphere,
+        Stack,
+        Surface,
+        Topography,
+        Volume,
+    )
+    from .files.meshes import read_mesh
+    from .files.stacks import read_stack
+    from .parameters import Parameters
+    from .pipeline import Pipeline, unwrap
+
+__version__ = package_version()
+
+# What is imported from where when it is first asked for: importing the package is quick.
+_LAZY = {
+    "Atlas": "atlas",
+    "load": "atlas",
+    "Mask": "charts",
+    "Reference": "charts",
+    "SealedSurface": "charts",
+    "Sphere": "charts",
+    "Stack": "charts",
+    "Surface": "charts",
+    "Topography": "charts",
+    "UV": "charts",
+    "Volume": "charts",
+    "read_mesh": "files.meshes",
+    "read_stack": "files.stacks",
+    "Parameters": "parameters",
+    "Pipeline": "pipeline",
+    "unwrap": "pipeline",
+}
+
+__all__ = [
+    "UV",
+    "Atlas",
+    "Cancelled",
+    "Mask",
+    "Parameters",
+    "Pipeline",
+    "Progress",
+    "Reference",
+    "SealedSurface",
+    "Sphere",
+    "Stack",
+    "Surface",
+    "Topography",
+    "Unwrap3DError",
+    "Volume",
+    "__version__",
+    "load",
+    "read_mesh",
+    "read_stack",
+    "simulate",
+    "unwrap",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _LAZY:
+        value = getattr(import_module(f".{_LAZY[name]}", __name__), name)
+    elif name == "simulate":
+        value = import_module(".simulate", __name__)
+    else:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    globals()[name] = value
+    return value

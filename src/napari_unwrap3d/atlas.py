@@ -1,0 +1,278 @@
+"""The atlas of one cell: its charts, and the maps that carry anything between them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import numpy.typing as npt
+
+from .charts import (
+    UV,
+    Floats,
+    Mask,
+    Reference,
+    SealedSurface,
+    Sphere,
+    Surface,
+    Topography,
+    Volume,
+)
+from .errors import AxesError, ChartMissingError
+from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
+from .geometry.padding import wrap_uv
+from .parameters import Parameters
+from .progress import Progress, silent
+from .unwrapping.outermost import OutermostSurface
+from .unwrapping.topography import TopographyLocator, topography_to_world
+from .unwrapping.uv import direction_to_uv, uv_to_direction
+
+Kind = Literal["scalar", "label"]
+Valid = npt.NDArray[np.bool_]
+Mapped = tuple[Floats, Valid]
+
+COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
+# Each chart is one step of the method away from the next; maps are composed along it.
+CHAIN = ("volume", "topography", "uv", "sphere", "reference")
+ON_SURFACE_VOXELS = 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Atlas:
+    """Charts of one cell and the maps between any two of them.
+
+    Attributes
+    ----------
+    surface, sealed, reference, sphere, uv, topography
+        The charts; see :mod:`napari_unwrap3d.charts`. Reading one that was not computed
+        raises :class:`ChartMissingError`.
+    mask : Mask
+        The cell on the isotropic working grid.
+    parameters : Parameters
+    quality : mapping
+        How good every chart is, JSON-able.
+    provenance : mapping
+        Version, input, seeds, timings and automatic repairs, JSON-able.
+    """
+
+    surface: Surface
+    sealed: SealedSurface
+    reference: Reference
+    sphere: Sphere
+    uv: UV
+    topography: Topography
+    mask: Mask
+    parameters: Parameters = field(default_factory=Parameters)
+    quality: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    def __getattribute__(self, name: str) -> Any:
+        value = object.__getattribute__(self, name)
+        if value is None and name in type(self).__dataclass_fields__:
+            raise ChartMissingError(
+                f"The atlas has no {name} yet.",
+                hint=f"Run the pipeline up to the step {name!r}.",
+            )
+        return value
+
+    def has(self, chart: str) -> bool:
+        """Whether a chart was computed."""
+        return object.__getattribute__(self, chart) is not None
+
+    @property
+    def voxel_um(self) -> float:
+        """Edge of the working voxel in µm."""
+        return self.mask.voxel_size[0]
+
+    # Maps of points ----------------------------------------------------------------
+
+    def map(self, points: npt.ArrayLike, source: str, target: str) -> Mapped:
+        """Map points from one chart to another.
+
+        Parameters
+        ----------
+        points : array-like, (n, k)
+            surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv:
+            (v, u) in pixels; topography: (d µm, v, u).
+        source, target : str
+            "surface", "reference", "volume", "sphere", "uv" or "topography".
+
+        Returns
+        -------
+        mapped : ndarray, (n, k')
+            NaN where a point has no image.
+        valid : ndarray, (n,) bool
+            Whether a point has an image: inside the mapped shell around the reference, on the
+            surface within a voxel, over a pixel whose normal meets the surface.
+            From uv, sphere and reference to the surface the image is the outermost crossing;
+            from uv to topography it is d = 0.
+
+        Raises
+        ------
+        ChartMissingError
+            A chart that is needed was not computed, or the name is unknown.
+        AxesError
+            The points have the wrong number of coordinates.
+        """
+        current = np.array(points, dtype=np.float64)
+        for name in (source, target):
+            if name not in COORDINATES:
+                raise ChartMissingError(
+                    f"There is no chart {name!r}.", hint=f"Charts: {', '.join(COORDINATES)}."
+                )
+        if current.ndim != 2 or current.shape[1] != COORDINATES[source]:
+            raise AxesError(
+                f"Points of {source} have {COORDINATES[source]} coordinates.",
+                shape=current.shape,
+            )
+        width = current.shape[1]
+        valid = np.isfinite(current).all(axis=1)
+        for step in self._route(source, target):
+            moved, good = step(current[valid])
+            width = moved.shape[1]
+            image = np.full((len(current), width), np.nan)
+            image[valid] = moved
+            kept = valid.copy()
+            kept[valid] = good
+            current, valid = image, kept
+        current[~valid] = np.nan
+        return current, valid
+
+    def _route(self, source: str, target: str) -> list[Callable[[Floats], Mapped]]:
+        """The maps to compose, in order."""
+        if source == target:
+            return []
+        if target == "surface":
+            if source in ("volume", "topography"):
+                return [*self._route(source, "volume"), self._volume_to_surface]
+            return [*self._route(source, "uv"), self._uv_to_surface]
+        start = "volume" if source == "surface" else source
+        if target == "volume" and start in ("uv", "sphere", "reference"):
+            # The reference lies in space: no need to go through the topography.
+            return self._route(start, "reference")
+        if start == target:
+            return []
+        a, b = CHAIN.index(start), CHAIN.index(target)
+        names = CHAIN[a : b + 1] if a < b else CHAIN[b : a + 1][::-1]
+        return [
+            getattr(self, f"_{here}_to_{there}")
+            for here, there in zip(names[:-1], names[1:], strict=True)
+        ]
+
+    def _volume_to_topography(self, points: Floats) -> Mapped:
+        return self._topography_locator.locate(points, silent())
+
+    def _topography_to_volume(self, points: Floats) -> Mapped:
+        world, valid = topography_to_world(self.topography, points)
+        return world, np.asarray(valid)
+
+    def _topography_to_uv(self, points: Floats) -> Mapped:
+        return wrap_uv(points[:, 1:], self.uv.shape[0]), np.ones(len(points), bool)
+
+    def _uv_to_topography(self, points: Floats) -> Mapped:
+        vu = wrap_uv(points, self.uv.shape[0])
+        return np.column_stack([np.zeros(len(vu)), vu]), np.ones(len(points), bool)
+
+    def _uv_to_sphere(self, points: Floats) -> Mapped:
+        directions = uv_to_direction(points, self.uv.shape[0]) @ self.uv.rotation
+        return directions, np.ones(len(points), bool)
+
+    def _sphere_to_uv(self, points: Floats) -> Mapped:
+        turned = points @ self.uv.rotation.T
+        return direction_to_uv(turned, self.uv.shape[0]), np.ones(len(points), bool)
+
+    def _sphere_to_reference(self, points: Floats) -> Mapped:
+        face, weights = self._sphere_locator.locate(points)
+        mapped = interpolate(self.reference.vertices, self.reference.faces, face, weights)
+        return mapped, np.ones(len(points), bool)
+
+    def _reference_to_sphere(self, points: Floats) -> Mapped:
+        face, weights, _ = self._reference_locator.closest(points)
+        directions = interpolate(self.sphere.vertices, self.sphere.faces, face, weights)
+        length = np.linalg.norm(directions, axis=1, keepdims=True)
+        return directions / length, np.ones(len(points), bool)
+
+    def _uv_to_surface(self, points: Floats) -> Mapped:
+        face, weights, valid = self.outermost.locate(points)
+        return interpolate(self.surface.vertices, self.surface.faces, face, weights), valid
+
+    def _volume_to_surface(self, points: Floats) -> Mapped:
+        _, _, distance = self._surface_locator.closest(points)
+        return points, distance <= ON_SURFACE_VOXELS * self.voxel_um
+
+    # Locators, built when first needed ---------------------------------------------
+
+    @cached_property
+    def _sphere_locator(self) -> SphericalLocator:
+        return SphericalLocator(self.sphere.vertices, self.sphere.faces)
+
+    @cached_property
+    def _reference_locator(self) -> SurfaceLocator:
+        return SurfaceLocator(self.reference.vertices, self.reference.faces)
+
+    @cached_property
+    def _surface_locator(self) -> SurfaceLocator:
+        return SurfaceLocator(self.surface.vertices, self.surface.faces)
+
+    @cached_property
+    def _topography_locator(self) -> TopographyLocator:
+        chart = self.topography
+        return TopographyLocator(chart.nodes, chart.d_um, self.voxel_um)
+
+    @cached_property
+    def outermost(self) -> OutermostSurface:
+        """The outermost crossing of the surface over every (v, u)."""
+        return OutermostSurface(self.surface, self.topography)
+
+    # Carrying values ---------------------------------------------------------------
+
+    def carry(
+        self,
+        values: Volume | npt.ArrayLike,
+        source: str,
+        target: str,
+        kind: Kind = "scalar",
+        progress: Progress | None = None,
+    ) -> Any:
+        """Carry values given on one chart to another.
+
+        Every vertex, pixel or node of the target looks up the value at its image on the
+        source: interpolated for scalars, chosen for labels.
+
+        Parameters
+        ----------
+        values : array-like or Volume
+            surface, reference, sphere: one per vertex; uv: (N, 2N); topography: (D, N, 2N);
+            volume: a :class:`Volume`.
+        source, target : str
+            As in :meth:`map`.
+        kind : "scalar" or "label"
+        progress : Progress, optional
+
+        Returns
+        -------
+        ndarray or Volume
+            As `values`, on the target. Scalars are NaN and labels 0 without an image.
+        """
+        from .carrying import carry
+
+        return carry(self, values, source, target, kind, progress or silent())
+
+    # Files -------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> Path:
+        """Write everything into one ``*.unwrap3d`` file."""
+        from .files.project import save_project
+
+        return save_project(self, path)
+
+
+def load(path: str | Path) -> Atlas:
+    """Read an atlas from a ``*.unwrap3d`` file."""
+    from .files.project import load_project
+
+    return load_project(path)

@@ -1,0 +1,209 @@
+"""A curvilinear (d, v, u) grid around a sphere: evaluation, inversion, Jacobian.
+
+Nodes are stored as (D, N + 2, 2N, 3): the first and the last row are the poles, each the
+same streamline repeated around, half a row away from their neighbours; u is periodic.
+Between nodes positions are trilinear. "Grid coordinates" below are (layer, row, column)
+as stored, so that pixel row v is row v + 1.
+"""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.float64]
+
+
+def rows_from_v(v: Floats, rows: int) -> Floats:
+    """Stored row of pixel coordinate v in −½ … N − ½."""
+    inner = np.clip(v, 0.0, rows - 1.0)
+    return inner + 1.0 + 2.0 * (v - inner)
+
+
+def v_from_rows(row: Floats, rows: int) -> Floats:
+    """Pixel coordinate v of a stored row; the inverse of :func:`rows_from_v`."""
+    inner = np.clip(row, 1.0, float(rows))
+    return inner - 1.0 + 0.5 * (row - inner)
+
+
+@numba.njit(nogil=True, cache=True)
+def evaluate(nodes, points):  # type: ignore[no-untyped-def]
+    """Positions (n, 3) float64 at grid coordinates (n, 3)."""
+    out = np.empty((points.shape[0], 3))
+    values = np.empty((3, 4))
+    for i in range(points.shape[0]):
+        _position_and_jacobian(nodes, points[i, 0], points[i, 1], points[i, 2], values)
+        for k in range(3):
+            out[i, k] = values[k, 0]
+    return out
+
+
+@numba.njit(nogil=True, cache=True)
+def _position_and_jacobian(nodes, d, r, u, out):  # type: ignore[no-untyped-def]
+    """Columns of `out` (3, 4): position, and its derivatives by d, r and u."""
+    layers, rows, columns, _ = nodes.shape
+    d = min(max(d, 0.0), layers - 1.0)
+    r = min(max(r, 0.0), rows - 1.0)
+    u = u % columns
+    a, b, c = min(int(d), layers - 2), min(int(r), rows - 2), min(int(u), columns - 1)
+    e = c + 1 if c + 1 < columns else 0
+    fd, fr, fu = d - a, r - b, u - c
+    for k in range(3):
+        p00, p01 = nodes[a, b, c, k], nodes[a, b, e, k]
+        p10, p11 = nodes[a, b + 1, c, k], nodes[a, b + 1, e, k]
+        q00, q01 = nodes[a + 1, b, c, k], nodes[a + 1, b, e, k]
+        q10, q11 = nodes[a + 1, b + 1, c, k], nodes[a + 1, b + 1, e, k]
+        y00, y01 = p00 * (1 - fu) + p01 * fu, p10 * (1 - fu) + p11 * fu
+        y10, y11 = q00 * (1 - fu) + q01 * fu, q10 * (1 - fu) + q11 * fu
+        z0, z1 = y00 * (1 - fr) + y01 * fr, y10 * (1 - fr) + y11 * fr
+        out[k, 0] = z0 * (1 - fd) + z1 * fd
+        out[k, 1] = z1 - z0
+        out[k, 2] = (y01 - y00) * (1 - fd) + (y11 - y10) * fd
+        out[k, 3] = ((p01 - p00) * (1 - fr) + (p11 - p10) * fr) * (1 - fd) + (
+            (q01 - q00) * (1 - fr) + (q11 - q10) * fr
+        ) * fd
+
+
+@numba.njit(nogil=True, cache=True)
+def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-untyped-def]
+    """Grid coordinates of positions, by damped Newton steps in the trilinear cells.
+
+    Parameters
+    ----------
+    nodes : ndarray, (D, N + 2, 2N, 3) float32
+    targets : ndarray, (n, 3) float64
+    start : ndarray, (n, 3) float64
+        Grid coordinates to start from.
+    iterations : int
+    tolerance : float
+        Distance at which a point counts as found.
+
+    Returns
+    -------
+    found : ndarray, (n, 3)
+        The best grid coordinates met.
+    residual : ndarray, (n,)
+        Distance from the target to the position there.
+    """
+    layers, rows, columns, _ = nodes.shape
+    n = targets.shape[0]
+    found = np.empty((n, 3))
+    residual = np.empty(n)
+    m = np.empty((3, 4))
+    for i in range(n):
+        d, r, u = start[i, 0], start[i, 1], start[i, 2]
+        best = 1e300
+        for _ in range(iterations):
+            d = min(max(d, 0.0), layers - 1.0)
+            if r < 0.0:
+                r, u = -r, u + columns // 2
+            elif r > rows - 1.0:
+                r, u = 2.0 * (rows - 1.0) - r, u + columns // 2
+            r = min(max(r, 0.0), rows - 1.0)
+            u = u % columns
+            _position_and_jacobian(nodes, d, r, u, m)
+            x, y, z = targets[i, 0] - m[0, 0], targets[i, 1] - m[1, 0], targets[i, 2] - m[2, 0]
+            miss = np.sqrt(x * x + y * y + z * z)
+            if miss < best:
+                best = miss
+                found[i, 0], found[i, 1], found[i, 2] = d, r, u
+            if miss < tolerance:
+                break
+            c0 = m[1, 2] * m[2, 3] - m[1, 3] * m[2, 2]
+            c1 = m[1, 3] * m[2, 1] - m[1, 1] * m[2, 3]
+            c2 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
+            det = m[0, 1] * c0 + m[0, 2] * c1 + m[0, 3] * c2
+            if abs(det) < 1e-18:
+                # At a pole u does nothing: step aside and try again.
+                r += 1e-3 if r < 0.5 * rows else -1e-3
+                u += 0.37 * columns
+                continue
+            s0 = (
+                x * c0
+                + y * (m[0, 3] * m[2, 2] - m[0, 2] * m[2, 3])
+                + z * (m[0, 2] * m[1, 3] - m[0, 3] * m[1, 2])
+            ) / det
+            s1 = (
+                x * c1
+                + y * (m[0, 1] * m[2, 3] - m[0, 3] * m[2, 1])
+                + z * (m[0, 3] * m[1, 1] - m[0, 1] * m[1, 3])
+            ) / det
+            s2 = (
+                x * c2
+                + y * (m[0, 2] * m[2, 1] - m[0, 1] * m[2, 2])
+                + z * (m[0, 1] * m[1, 2] - m[0, 2] * m[1, 1])
+            ) / det
+            size = max(abs(s0), abs(s1))
+            damping = 1.0 if size < 4.0 else 4.0 / size
+            if abs(s2) * damping > 0.25 * columns:
+                damping = 0.25 * columns / abs(s2)
+            d += damping * s0
+            r += damping * s1
+            u += damping * s2
+        residual[i] = best
+    return found, residual
+
+
+@numba.njit(nogil=True, cache=True)
+def count_folded(nodes, reached):  # type: ignore[no-untyped-def]
+    """Number of folded cells, number of cells checked, smallest and mean Jacobian.
+
+    A cell is folded when the determinant of (∂d, ∂u, ∂v) is not positive at one of its eight
+    corners. Cells deeper than their streamlines reach are not cells; the corners that lie
+    on a pole have no volume and are left out.
+
+    Parameters
+    ----------
+    nodes : ndarray, (D, N + 2, 2N, 3) float32
+    reached : ndarray, (N + 2, 2N) int64
+        First layer that each column reaches.
+    """
+    layers, rows, columns, _ = nodes.shape
+    folded = 0
+    cells = 0
+    smallest = 1e300
+    total = 0.0
+    p = np.empty((2, 2, 2, 3), np.float64)
+    for a in range(layers - 1):
+        for b in range(rows - 1):
+            for c in range(columns):
+                e = c + 1 if c + 1 < columns else 0
+                if a < max(
+                    max(reached[b, c], reached[b, e]), max(reached[b + 1, c], reached[b + 1, e])
+                ):
+                    continue
+                for i in range(2):
+                    for j in range(2):
+                        for k in range(3):
+                            p[i, j, 0, k] = nodes[a + i, b + j, c, k]
+                            p[i, j, 1, k] = nodes[a + i, b + j, e, k]
+                lowest = 1e300
+                for j in range(2):
+                    if (b == 0 and j == 0) or (b == rows - 2 and j == 1):
+                        continue
+                    for i in range(2):
+                        for k in range(2):
+                            d0 = p[1, j, k, 0] - p[0, j, k, 0]
+                            d1 = p[1, j, k, 1] - p[0, j, k, 1]
+                            d2 = p[1, j, k, 2] - p[0, j, k, 2]
+                            v0 = p[i, 1, k, 0] - p[i, 0, k, 0]
+                            v1 = p[i, 1, k, 1] - p[i, 0, k, 1]
+                            v2 = p[i, 1, k, 2] - p[i, 0, k, 2]
+                            u0 = p[i, j, 1, 0] - p[i, j, 0, 0]
+                            u1 = p[i, j, 1, 1] - p[i, j, 0, 1]
+                            u2 = p[i, j, 1, 2] - p[i, j, 0, 2]
+                            det = (
+                                d0 * (u1 * v2 - u2 * v1)
+                                + d1 * (u2 * v0 - u0 * v2)
+                                + d2 * (u0 * v1 - u1 * v0)
+                            )
+                            if det < lowest:
+                                lowest = det
+                            total += det
+                cells += 1
+                if lowest < smallest:
+                    smallest = lowest
+                if not lowest > 0:
+                    folded += 1
+    return folded, cells, smallest, total / max(8 * cells, 1)

@@ -1,0 +1,177 @@
+"""Finding the face, and the place in it, for points on a sphere or near a surface."""
+
+from __future__ import annotations
+
+import numba
+import numpy as np
+import numpy.typing as npt
+
+from ..errors import NotLocatedError
+from .mesh import face_neighbors
+
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
+
+# Weights may be this negative for a direction on an edge, through rounding.
+ON_EDGE = 1e-13
+
+
+class SphericalLocator:
+    """Exact point location on a triangulated unit sphere without flipped faces.
+
+    A direction d lies in the spherical triangle ABC where the weights
+    ``[A B C]⁻¹ d`` are all non-negative; divided by their sum they are the barycentric
+    weights of the point of the flat triangle that the ray through d meets. The face is
+    found by walking from face to face towards the most negative weight.
+    """
+
+    def __init__(self, directions: Floats, faces: Ints) -> None:
+        a, b, c = directions[faces[:, 0]], directions[faces[:, 1]], directions[faces[:, 2]]
+        rows = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)], axis=1)
+        determinant = np.einsum("ij,ij->i", a, rows[:, 0])
+        self._inverse = rows / determinant[:, None, None]
+        self._neighbors = face_neighbors(faces)
+        centre = a + b + c
+        self._centre = centre / np.linalg.norm(centre, axis=1, keepdims=True)
+
+    def locate(self, directions: Floats) -> tuple[Ints, Floats]:
+        """Face (n,) and barycentric weights (n, 3) of directions (n, 3).
+
+        Raises
+        ------
+        NotLocatedError
+            A direction lies in no face.
+        """
+        points = np.ascontiguousarray(directions, dtype=np.float64)
+        if not np.isfinite(points).all():
+            raise NotLocatedError(
+                "Directions are NaN or infinite.", count=int((~np.isfinite(points)).any(1).sum())
+            )
+        face = np.full(len(points), -1, np.int64)
+        weights = np.zeros((len(points), 3))
+        if len(points) == 0:
+            return face, weights
+        # Walks are short when each starts next to where the last one ended.
+        order = _along_a_spiral(points)
+        start = int(np.argmax(self._centre @ points[order[0]]))
+        _walk(self._inverse, self._neighbors, points, order, start, face, weights)
+        for i in np.flatnonzero(face < 0):
+            face[i], weights[i] = self._search(points[i])
+        return face, weights / weights.sum(axis=1, keepdims=True)
+
+    def _search(self, direction: Floats) -> tuple[int, Floats]:
+        """Look at every face; for the rare direction whose walk went in circles."""
+        weights = self._inverse @ direction
+        smallest = np.where(self._centre @ direction > 0, weights.min(axis=1), -np.inf)
+        best = int(np.argmax(smallest))
+        if smallest[best] < -1e-9:
+            raise NotLocatedError(
+                "A direction lies in no face of the sphere.",
+                smallest_weight=float(smallest[best]),
+                hint="The spherical map has flipped faces.",
+            )
+        return best, np.maximum(weights[best], 0.0)
+
+
+def _along_a_spiral(directions: Floats, bands: int = 64) -> Ints:
+    """Order of directions (n, 3) along bands of latitude, there and back."""
+    band = np.floor((directions[:, 0] + 1.0) * 0.5 * bands)
+    azimuth = np.arctan2(directions[:, 1], directions[:, 2])
+    return np.lexsort((np.where(band % 2 == 0, azimuth, -azimuth), band))
+
+
+@numba.njit(nogil=True, cache=True)
+def _walk(inverse, neighbors, points, order, start, face, weights):  # type: ignore[no-untyped-def]
+    current = start
+    limit = 4 * int(np.sqrt(inverse.shape[0])) + 100
+    for i in order:
+        x, y, z = points[i, 0], points[i, 1], points[i, 2]
+        for _ in range(limit):
+            lowest = 0
+            value = 1e300
+            for k in range(3):
+                w = (
+                    inverse[current, k, 0] * x
+                    + inverse[current, k, 1] * y
+                    + inverse[current, k, 2] * z
+                )
+                weights[i, k] = w
+                if w < value:
+                    value = w
+                    lowest = k
+            if value >= -ON_EDGE:
+                face[i] = current
+                break
+            current = neighbors[current, lowest]
+
+
+class SurfaceLocator:
+    """Closest points and ray hits on a triangle mesh (libigl's bounding box tree)."""
+
+    def __init__(self, vertices: Floats, faces: Ints) -> None:
+        import igl
+
+        self._vertices = np.ascontiguousarray(vertices, dtype=np.float64)
+        self._faces = np.ascontiguousarray(faces, dtype=np.int64)
+        self._tree = igl.AABB()
+        self._tree.init(self._vertices, self._faces)
+
+    def closest(self, points: npt.ArrayLike) -> tuple[Ints, Floats, Floats]:
+        """Face (n,), barycentric weights (n, 3) and distance (n,) of the closest points."""
+        query = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
+        if len(query) == 0:
+            return np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)
+        squared, face, closest = self._tree.squared_distance(self._vertices, self._faces, query)
+        face = np.asarray(face, dtype=np.int64).ravel()
+        weights = barycentric(self._vertices[self._faces[face]], np.asarray(closest))
+        return face, weights, np.sqrt(np.maximum(np.asarray(squared).ravel(), 0.0))
+
+    def first_hit(self, start: Floats, end: Floats) -> tuple[Ints, Floats]:
+        """First face hit by each segment from start (n, 3) to end (n, 3), −1 for none.
+
+        Returns
+        -------
+        face : ndarray, (n,)
+        weights : ndarray, (n, 3)
+            Barycentric weights of the hit.
+        """
+        origin = np.ascontiguousarray(start, dtype=np.float64)
+        direction = np.ascontiguousarray(end - start, dtype=np.float64)
+        face, t, uv = self._tree.intersect_ray_first(self._vertices, self._faces, origin, direction)
+        face = np.asarray(face, dtype=np.int64).ravel()
+        t, uv = np.asarray(t).ravel(), np.asarray(uv).reshape(-1, 2)
+        face = np.where((face >= 0) & (t <= 1.0 + 1e-9), face, -1)
+        weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
+        return face, weights
+
+
+def barycentric(corners: Floats, points: Floats) -> Floats:
+    """Barycentric weights (n, 3) of points (n, 3) in the planes of triangles (n, 3, 3)."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    normal = np.cross(b - a, c - a)
+    squared = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)
+    wb = np.einsum("ij,ij->i", np.cross(points - a, c - a), normal) / squared
+    wc = np.einsum("ij,ij->i", np.cross(b - a, points - a), normal) / squared
+    return np.stack([1.0 - wb - wc, wb, wc], axis=1)
+
+
+def interpolate(
+    values: npt.NDArray[np.generic], faces: Ints, face: Ints, weights: Floats
+) -> Floats:
+    """Values (n,) or (n, k) given at vertices, at places given by face and weights."""
+    corners = np.asarray(values, dtype=np.float64)[faces[face]]
+    result: Floats = np.einsum("ij...,ij->i...", corners, weights)
+    return result
+
+
+def majority_label(
+    labels: npt.NDArray[np.integer], faces: Ints, face: Ints, weights: Floats
+) -> npt.NDArray[np.integer]:
+    """The label with the largest total weight among the three corners of each face."""
+    corners = labels[faces[face]]
+    same = corners[:, :, None] == corners[:, None, :]
+    votes = np.einsum("ijk,ik->ij", same, weights)
+    chosen: npt.NDArray[np.integer] = np.take_along_axis(
+        corners, votes.argmax(axis=1)[:, None], axis=1
+    )[:, 0]
+    return chosen

@@ -1,0 +1,199 @@
+"""Closing the handles, holes and cavities of a solid: genus 0 for every input.
+
+A hull that is a topological ball is shrunk onto the mask, farthest voxels first,
+changing only simple points. What cannot be removed are membranes across the handles.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ..errors import EmptyMaskError, MapError
+from .distance import distance_to
+from .simple_points import Solid, change_simple_points
+
+# Hulls are tried from tight to wide; a wider group needs more room around the mask.
+HULL_RADII = ((1, 2, 3, 5), (8, 12, 20), (35, 60))
+MARGIN = 3
+
+
+def fill_cavities(solid: Solid) -> Solid:
+    """The solid with everything that it encloses (6-connected background) filled."""
+    background, count = ndimage.label(~np.pad(solid, 1))
+    if count <= 1:
+        return solid
+    filled: Solid = (background != background[0, 0, 0])[1:-1, 1:-1, 1:-1]
+    return filled
+
+
+def euler_characteristic(solid: Solid) -> int:
+    """Euler characteristic of a solid of closed cubes (26-connected).
+
+    For a filled solid of one component it is 1 minus the number of handles.
+    """
+    padded = np.pad(solid, 1)
+    cubes = int(solid.sum())
+    planes = [padded]
+    total = -cubes
+    # Faces, edges and corners belong to the solid when one of their cubes does.
+    for axes, sign in (((0,), 1), ((1,), 1), ((2,), 1), ((0, 1), -1), ((0, 2), -1), ((1, 2), -1)):
+        total += sign * int(_any_of_neighbors(planes[0], axes).sum())
+    total += int(_any_of_neighbors(padded, (0, 1, 2)).sum())
+    return total
+
+
+def _any_of_neighbors(solid: Solid, axes: tuple[int, ...]) -> Solid:
+    for axis in axes:
+        lower = [slice(None)] * 3
+        upper = [slice(None)] * 3
+        lower[axis], upper[axis] = slice(None, -1), slice(1, None)
+        solid = solid[tuple(lower)] | solid[tuple(upper)]
+    return solid
+
+
+def handles(solid: Solid) -> int:
+    """Number of handles of a filled solid of one component."""
+    return 1 - euler_characteristic(solid)
+
+
+def make_well_composed(solid: Solid, iterations: int = 100) -> Solid:
+    """Add voxels until no critical configuration is left; see :mod:`simple_points`."""
+    result = solid.copy()
+    for _ in range(iterations):
+        bad = _critical_blocks(result)
+        if not bad.any():
+            return result
+        # A block is named by its lowest voxel; fill all eight voxels of it.
+        grown = np.pad(bad, ((1, 1),) * 3)
+        result |= _any_of_neighbors(grown, (0, 1, 2))
+    raise MapError(
+        "The mask could not be made well-composed.",
+        blocks=int(bad.sum()),
+        hint="Smooth the mask, or choose a smaller working voxel.",
+    )
+
+
+def is_well_composed(solid: Solid) -> bool:
+    """Whether no 2×2×2 block holds a critical configuration."""
+    return not _critical_blocks(solid).any()
+
+
+def _critical_blocks(solid: Solid) -> Solid:
+    """(z−1, y−1, x−1) bool: the 2×2×2 blocks with a critical configuration."""
+    corner = {
+        (i, j, k): solid[
+            i : solid.shape[0] - 1 + i, j : solid.shape[1] - 1 + j, k : solid.shape[2] - 1 + k
+        ]
+        for i in (0, 1)
+        for j in (0, 1)
+        for k in (0, 1)
+    }
+    bad = np.zeros(corner[0, 0, 0].shape, bool)
+    for axis in range(3):
+        for layer in (0, 1):
+            a, b, c, d = (corner[_insert(axis, layer, p)] for p in ((0, 0), (1, 1), (0, 1), (1, 0)))
+            bad |= (a == b) & (c == d) & (a != c)
+    count = sum(value.view(np.uint8) for value in corner.values())
+    for p in ((0, 0, 0), (0, 0, 1), (0, 1, 0), (1, 0, 0)):
+        q = (1 - p[0], 1 - p[1], 1 - p[2])
+        both, neither = corner[p] & corner[q], ~corner[p] & ~corner[q]
+        bad |= ((count == 2) & both) | ((count == 6) & neither)
+    return bad
+
+
+def _insert(axis: int, value: int, others: tuple[int, int]) -> tuple[int, int, int]:
+    rest = list(others)
+    rest.insert(axis, value)
+    return rest[0], rest[1], rest[2]
+
+
+def seal(mask: Solid) -> Solid:
+    """The smallest topological ball around a solid that differs from it only by membranes.
+
+    Parameters
+    ----------
+    mask : ndarray, (z, y, x) bool
+        One 26-connected component.
+
+    Returns
+    -------
+    ndarray, (z, y, x) bool
+        Contains `mask`; one component, no handle, no cavity, well-composed.
+
+    Raises
+    ------
+    EmptyMaskError
+        `mask` has no voxel.
+    """
+    if not mask.any():
+        raise EmptyMaskError("There is nothing to seal: the mask is empty.", voxels=0)
+    box = ndimage.find_objects(mask.astype(np.uint8))[0]
+    inner = fill_cavities(mask[box])
+    for radii in HULL_RADII:
+        pad = radii[-1] + MARGIN
+        solid = np.pad(inner, pad)
+        distance = distance_to(solid)
+        hulls = (_hull(distance, radius) for radius in radii)
+        hull = next((hull for hull in hulls if _is_ball(hull)), None)
+        if hull is not None:
+            break
+    if hull is None:
+        hull = np.zeros(solid.shape, bool)
+        hull[1:-1, 1:-1, 1:-1] = True
+    ball = change_simple_points(hull, hull & ~solid, distance, new_value=False)
+    return _place(ball, box, mask.shape, pad)
+
+
+def _hull(distance: npt.NDArray[np.float32], radius: int) -> Solid:
+    return fill_cavities(make_well_composed(fill_cavities(distance <= radius)))
+
+
+def _is_ball(hull: Solid) -> bool:
+    return euler_characteristic(hull) == 1 and ndimage.label(hull)[1] == 1
+
+
+def _place(part: Solid, box: tuple[slice, ...], shape: tuple[int, ...], pad: int) -> Solid:
+    """Put a padded part back into the whole volume; what lies outside must be empty."""
+    out = np.zeros(shape, bool)
+    source, target = [], []
+    for axis in range(3):
+        start = box[axis].start - pad
+        low, high = max(start, 0), min(start + part.shape[axis], shape[axis])
+        source.append(slice(low - start, high - start))
+        target.append(slice(low, high))
+    out[tuple(target)] = part[tuple(source)]
+    if int(out.sum()) != int(part.sum()):
+        raise MapError(
+            "Sealing the cell needs room outside the volume.",
+            voxels_outside=int(part.sum() - out.sum()),
+            hint="Give the volume a wider empty border.",
+        )
+    return out
+
+
+def sealed_parts(mask: Solid, ball: Solid, *, smallest: int = 1) -> tuple[dict[str, Any], ...]:
+    """What sealing added, one entry per connected part, largest first.
+
+    Each entry has ``kind`` ("cavity": enclosed by the mask; "membrane": across a handle
+    or hole; "contact": a few voxels that separate what touched at an edge or corner),
+    ``position`` (z, y, x) in voxels and ``voxels``.
+    """
+    filled = fill_cavities(mask)
+    parts: list[dict[str, Any]] = []
+    for kind, added in (("cavity", filled & ~mask), ("membrane", ball & ~filled)):
+        labels, count = ndimage.label(added, structure=np.ones((3, 3, 3)))
+        if count == 0:
+            continue
+        index = np.arange(1, count + 1)
+        sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+        centres = ndimage.center_of_mass(added, labels, index)
+        for size, centre in zip(sizes, centres, strict=True):
+            if size >= smallest:
+                name = "contact" if kind == "membrane" and size <= 2 else kind
+                position = tuple(float(c) for c in centre)
+                parts.append({"kind": name, "position": position, "voxels": int(size)})
+    return tuple(sorted(parts, key=lambda part: -part["voxels"]))

@@ -1,0 +1,307 @@
+"""The steps in order, what each depends on, and what has to run again.
+
+A step is a pure function of earlier results and of its own parameters. Its key is the
+hash of both; a result is kept until its key changes, so that a changed parameter runs
+its step and what follows, and nothing else.
+"""
+
+from __future__ import annotations
+
+import logging
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from .atlas import Atlas
+from .charts import Mask, Stack, Surface
+from .errors import InputError, ParameterError
+from .imaging.segment import check_mask, segment
+from .parameters import Parameters
+from .progress import Progress
+from .provenance import content_hash, environment, repairs
+from .unwrapping import measure
+from .unwrapping.outermost import OutermostSurface
+from .unwrapping.reference import reference
+from .unwrapping.solid import closed_mesh, mask_of_mesh
+from .unwrapping.sphere import sphere
+from .unwrapping.surface import sealed_surface, surface
+from .unwrapping.topography import topography
+from .unwrapping.uv import uv
+
+logger = logging.getLogger(__name__)
+
+Source = Stack | Mask | Surface
+ProgressLike = Progress | Callable[[str, float, str], None] | None
+
+# Part of every key: raise it when a step computes something else from the same input.
+STEP_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: its function, the groups of parameters and the results it needs."""
+
+    name: str
+    function: Callable[[Pipeline, Parameters, Progress], Any]
+    parameters: tuple[str, ...]
+    needs: tuple[str, ...]
+
+
+@dataclass
+class Kept:
+    """A result, the key it was computed for, its numbers and how long it took."""
+
+    key: str
+    value: Any
+    numbers: dict[str, Any]
+    seconds: float
+
+
+@dataclass
+class Pipeline:
+    """Runs the steps for one source and keeps their results.
+
+    Attributes
+    ----------
+    source : Stack, Mask or Surface
+    kept : dict
+        Results of the steps so far.
+    """
+
+    source: Source
+    kept: dict[str, Kept] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.source, Stack | Mask | Surface):
+            raise InputError(
+                "The input is a Stack, a Mask or a Surface.",
+                type=type(self.source).__name__,
+                hint="Read it with read_stack or read_mesh, or wrap an array in Mask.",
+            )
+        self._source_key = _source_key(self.source)
+
+    @property
+    def results(self) -> dict[str, Any]:
+        """Step → what it computed."""
+        return {name: kept.value for name, kept in self.kept.items()}
+
+    def run(
+        self,
+        parameters: Parameters | None = None,
+        progress: ProgressLike = None,
+        until: str = "topography",
+    ) -> Atlas:
+        """Run what is missing or stale up to a step, and return the atlas.
+
+        Parameters
+        ----------
+        parameters : Parameters, optional
+        progress : Progress, or callable(step, fraction, message), optional
+        until : str
+            The last step to run.
+
+        Raises
+        ------
+        Cancelled
+            The user asked to stop; finished steps are kept.
+        Unwrap3DError
+            A step could not do its work; the error names what and why.
+        """
+        chosen = parameters if parameters is not None else Parameters()
+        report = progress if isinstance(progress, Progress) else Progress(progress)
+        if until not in STEP_NAMES:
+            raise ParameterError(f"There is no step {until!r}.", hint=f"Steps: {STEP_NAMES}.")
+        for step in STEPS[: STEP_NAMES.index(until) + 1]:
+            key = self._key(step, chosen)
+            if step.name in self.kept and self.kept[step.name].key == key:
+                continue
+            part = report.named(step.name)
+            part(0.0, "starting")
+            start = time.perf_counter()
+            value, numbers = step.function(self, chosen, part)
+            seconds = time.perf_counter() - start
+            self.kept[step.name] = Kept(key, value, numbers, seconds)
+            logger.info("%s took %.2f s", step.name, seconds)
+            part(1.0, "done")
+        return self._atlas(chosen, until)
+
+    def state(self, parameters: Parameters) -> dict[str, str]:
+        """Step → "done", "stale" (a parameter or an input changed) or "missing"."""
+        states: dict[str, str] = {}
+        for step in STEPS:
+            if step.name not in self.kept:
+                states[step.name] = "missing"
+            else:
+                fresh = self.kept[step.name].key == self._key(step, parameters)
+                states[step.name] = "done" if fresh else "stale"
+        return states
+
+    def _key(self, step: Step, parameters: Parameters) -> str:
+        """Depends on the source, this step's parameters and, recursively, its inputs'."""
+        own = [getattr(parameters, group).model_dump_json() for group in step.parameters]
+        inputs = [self._key(_BY_NAME[name], parameters) for name in step.needs]
+        return content_hash(STEP_VERSION, step.name, self._source_key, own, inputs)
+
+    def value(self, name: str) -> Any:
+        """Result of a step that has run."""
+        return self.kept[name].value
+
+    def _atlas(self, parameters: Parameters, until: str) -> Atlas:
+        charts = {name: self.kept[name].value if name in self.kept else None for name in STEP_NAMES}
+        for name in STEP_NAMES[STEP_NAMES.index(until) + 1 :]:
+            charts[name] = None
+        mask = charts.pop("stack")
+        topographic = charts["topography"]
+        if topographic is not None:
+            charts |= _with_heights(charts)
+        kept = {name: self.kept[name] for name in STEP_NAMES if name in self.kept}
+        numbers = {name: item.numbers for name, item in kept.items() if name in _shown(until)}
+        return Atlas(
+            mask=mask,
+            parameters=parameters,
+            quality=numbers,
+            provenance=self._provenance(kept, numbers),
+            **charts,
+        )
+
+    def _provenance(
+        self, kept: dict[str, Kept], numbers: dict[str, dict[str, Any]]
+    ) -> dict[str, Any]:
+        return {
+            "versions": environment(),
+            "source": {
+                "name": getattr(self.source, "name", ""),
+                "kind": type(self.source).__name__.lower(),
+                "hash": self._source_key,
+            },
+            "steps": {
+                name: {"seconds": round(item.seconds, 3), "key": item.key}
+                for name, item in kept.items()
+            },
+            "repairs": repairs(
+                {name: numbers[name] for name in ("stack", "surface", "sealed") if name in numbers}
+            ),
+        }
+
+
+def unwrap(
+    source: Source, parameters: Parameters | None = None, progress: ProgressLike = None
+) -> Atlas:
+    """Unwrap one cell: from a stack, a mask or a mesh to the atlas of all its charts.
+
+    Parameters
+    ----------
+    source : Stack, Mask or Surface
+    parameters : Parameters, optional
+        Defaults, or ``Parameters.preset("blebs")`` and the like.
+    progress : Progress, or callable(step, fraction, message), optional
+
+    Returns
+    -------
+    Atlas
+    """
+    return Pipeline(source).run(parameters, progress)
+
+
+def _shown(until: str) -> tuple[str, ...]:
+    return STEP_NAMES[: STEP_NAMES.index(until) + 1]
+
+
+def _source_key(source: Source) -> str:
+    if isinstance(source, Surface):
+        return content_hash("surface", source.vertices, source.faces)
+    if isinstance(source, Mask):
+        return content_hash("mask", source.data, source.voxel_size, source.origin)
+    # A stack is lazy and may not fit into memory: it is known by where it came from.
+    token = getattr(source.data, "name", None)
+    content = token if token is not None else np.asarray(source.data)
+    return content_hash("stack", source.axes, source.voxel_size, content)
+
+
+def _with_heights(charts: dict[str, Any]) -> dict[str, Any]:
+    """The charts with the fields that need the topography."""
+    chart = charts["topography"]
+    images = {f"surface_{name}": image for name, image in chart.fields.items()}
+    return {
+        "surface": charts["surface"].with_fields(height_um=chart.surface[:, 0]),
+        "uv": charts["uv"].with_fields(**images),
+    }
+
+
+# The steps -----------------------------------------------------------------------------
+
+
+def _stack(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    source = pipeline.source
+    if isinstance(source, Stack):
+        return segment(source, parameters.stack, progress)
+    if isinstance(source, Mask):
+        return check_mask(source, parameters.stack, progress)
+    return mask_of_mesh(closed_mesh(source), parameters.stack.working_voxel_um)
+
+
+def _surface(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    given = closed_mesh(pipeline.source) if isinstance(pipeline.source, Surface) else None
+    chart = surface(pipeline.value("stack"), parameters.surface, given, progress)
+    return chart, dict(chart.report)
+
+
+def _sealed(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    chart = sealed_surface(
+        pipeline.value("stack"), pipeline.value("surface"), parameters.surface, progress
+    )
+    return chart, measure.measure_sealed(chart)
+
+
+def _reference(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    chart = reference(pipeline.value("sealed"), parameters.reference, progress)
+    return chart, measure.measure_reference(chart)
+
+
+def _sphere(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    chart = sphere(pipeline.value("reference"), parameters.sphere, progress)
+    return chart, measure.measure_sphere(pipeline.value("reference"), chart)
+
+
+def _uv(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    base = pipeline.value("reference")
+    chart = uv(base, pipeline.value("sphere"), parameters.uv, progress)
+    return chart, measure.measure_uv(base, chart)
+
+
+def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    cell, mask = pipeline.value("surface"), pipeline.value("stack")
+    chart = topography(
+        cell,
+        mask,
+        pipeline.value("reference"),
+        pipeline.value("sphere"),
+        pipeline.value("uv"),
+        parameters.topography,
+        parameters.surface,
+        progress.part(0.0, 0.9),
+    )
+    progress(0.9, "measuring the maps")
+    outermost = OutermostSurface(cell, chart)
+    fields = {
+        "height_um": outermost.height_um,
+        "mean_curvature_per_um": outermost.image(cell.fields["mean_curvature_per_um"]),
+    }
+    chart = replace(chart, fields=fields)
+    return chart, measure.measure_topography(cell, chart, mask.voxel_size[0])
+
+
+STEPS = (
+    Step("stack", _stack, ("stack",), ()),
+    Step("surface", _surface, ("surface",), ("stack",)),
+    Step("sealed", _sealed, ("surface",), ("surface",)),
+    Step("reference", _reference, ("reference",), ("sealed",)),
+    Step("sphere", _sphere, ("sphere",), ("reference",)),
+    Step("uv", _uv, ("uv",), ("sphere",)),
+    Step("topography", _topography, ("topography", "surface"), ("uv",)),
+)
+STEP_NAMES = tuple(step.name for step in STEPS)
+_BY_NAME = {step.name: step for step in STEPS}

@@ -1,0 +1,209 @@
+"""Step 2: the conformal map of a genus-0 mesh to the unit sphere.
+
+One face is cut out and the rest is mapped harmonically into a triangle of the plane,
+which inverse stereographic projection takes to the sphere (Choi, Lam and Lui 2015,
+doi:10.1137/130950008). Around the removed face that map is poor; solving again in the
+stereographic projection from the opposite pole, with the far part held fixed, corrects
+it, and alternating between the poles converges to the harmonic, hence conformal, map.
+"""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+
+from ..charts import Floats, Ints
+from ..errors import FlippedFacesError
+from ..geometry.distortion import flipped_faces, mean_conformal_error
+from ..geometry.laplacian import Factor, cotangent_laplacian, laplacian_from_weights, vertex_mass
+from ..progress import Progress
+
+logger = logging.getLogger(__name__)
+
+Complex = npt.NDArray[np.complex128]
+
+# Vertices farther from the pole's antipode than this are held fixed while the others are
+# solved for; above 1 (the equator) so that the two solves overlap.
+FIXED_RADIUS = 2.5
+ALTERNATIONS = 6
+GOOD_ENOUGH = 1e-3
+
+
+def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Floats:
+    """Map a closed genus-0 mesh conformally onto the unit sphere (paper, Step 2).
+
+    Parameters
+    ----------
+    vertices : ndarray, (n, 3)
+    faces : ndarray, (m, 3)
+        Positive signed volume.
+
+    Returns
+    -------
+    ndarray, (n, 3)
+        Unit vectors with the area-weighted mean at the centre; no face is flipped.
+
+    Raises
+    ------
+    FlippedFacesError
+        Neither cotangent weights nor positive (Tutte) weights gave a map without flips.
+    """
+    weights = vertex_mass(vertices, faces)
+    flips = len(faces)
+    for name, laplacian in _laplacians(vertices, faces):
+        directions = _alternate(vertices, faces, laplacian, progress)
+        flips = flipped_faces(directions, faces)
+        if flips == 0:
+            return mobius_centered(directions, weights, faces)
+        logger.info("the spherical map with %s weights has %d flipped faces", name, flips)
+    raise FlippedFacesError(
+        "The reference could not be mapped to the sphere one to one.",
+        flips=flips,
+        faces=len(faces),
+        hint="Smooth the reference more (a lower limit of total |K|, or extra iterations).",
+    )
+
+
+def _laplacians(vertices: Floats, faces: Ints) -> Any:
+    """Cotangent weights first; then the same clamped positive; then uniform (Tutte)."""
+    cotangent = cotangent_laplacian(vertices, faces)
+    yield "cotangent", cotangent
+    off = sparse.coo_array(cotangent)
+    keep = off.row != off.col
+    data = np.clip(off.data[keep], 0.02, 50.0)
+    positive = sparse.coo_array((data, (off.row[keep], off.col[keep])), shape=off.shape).tocsr()
+    positive = (positive + positive.T) * 0.5
+    degree = np.asarray(positive.sum(axis=1)).ravel()
+    yield "clamped", sparse.csr_array(positive - sparse.diags_array(degree))
+    uniform = np.full(faces.shape, 0.5)
+    yield "uniform", laplacian_from_weights(uniform, faces, len(vertices))
+
+
+def _alternate(vertices: Floats, faces: Ints, laplacian: Any, progress: Progress) -> Floats:
+    """Harmonic map of the punctured mesh, then corrections from alternating poles.
+
+    Keeps the best map without flips; stops when the conformal error stops falling.
+    """
+    plane = progress.run(_punctured_map, vertices, faces, laplacian)
+    best = _inverse_stereographic(plane)
+    best_flips = flipped_faces(best, faces)
+    best_error = mean_conformal_error(vertices, best, faces)
+    current, pole = best, -1
+    for alternation in range(ALTERNATIONS):
+        progress((alternation + 1) / (ALTERNATIONS + 1), "conformal map")
+        current = progress.run(_solve_hemisphere, current, laplacian, pole)
+        flips = flipped_faces(current, faces)
+        error = mean_conformal_error(vertices, current, faces)
+        gain = best_error - error
+        if np.isfinite(error) and (flips, error) < (best_flips, best_error):
+            best, best_flips, best_error = current, flips, error
+        if best_flips == 0 and alternation > 0 and gain < GOOD_ENOUGH:
+            break
+        if not np.isfinite(current).all():
+            break
+        pole = -pole
+    return best
+
+
+def _punctured_map(vertices: Floats, faces: Ints, laplacian: Any) -> Complex:
+    """Harmonic map of the mesh without its most regular face into a triangle."""
+    hole = _most_regular_face(vertices, faces)
+    corners = faces[hole]
+    target = np.exp(2j * np.pi * np.arange(3) / 3)
+    values = np.zeros(len(vertices), np.complex128)
+    values[corners] = target
+    free = np.ones(len(vertices), bool)
+    free[corners] = False
+    values = _solve_dirichlet(laplacian, values, free)
+    values = values - _median(values)
+    radius = np.median(np.abs(values))
+    scaled: Complex = values / max(radius, 1e-300)
+    return scaled
+
+
+def _most_regular_face(vertices: Floats, faces: Ints) -> int:
+    edges = np.linalg.norm(vertices[faces] - vertices[np.roll(faces, 1, axis=1)], axis=2)
+    spread = edges / edges.sum(axis=1, keepdims=True) - 1.0 / 3.0
+    return int(np.argmin(np.abs(spread).sum(axis=1)))
+
+
+def _median(values: Complex) -> complex:
+    return complex(np.median(values.real), np.median(values.imag))
+
+
+def _solve_dirichlet(laplacian: Any, values: Complex, free: npt.NDArray[np.bool_]) -> Complex:
+    """Harmonic values on the free vertices, the others given."""
+    inner = np.flatnonzero(free)
+    fixed = np.flatnonzero(~free)
+    rows = laplacian[inner]
+    right = rows[:, fixed] @ values[fixed]
+    solution = Factor(-rows[:, inner]).solve(np.stack([right.real, right.imag], axis=1))
+    result = values.copy()
+    result[inner] = solution[:, 0] + 1j * solution[:, 1]
+    return result
+
+
+def _solve_hemisphere(directions: Floats, laplacian: Any, pole: int) -> Floats:
+    """Solve again in the projection from `pole` (±1), the part around it held fixed."""
+    plane = _stereographic(directions, pole)
+    free = np.abs(plane) < FIXED_RADIUS
+    return _inverse_stereographic(_solve_dirichlet(laplacian, plane, free), pole)
+
+
+def _stereographic(directions: Floats, pole: int = 1) -> Complex:
+    """Plane of the projection from (pole, 0, 0); orientation kept for either pole."""
+    z, y, x = directions.T
+    # x + iy seen from the north pole's side is mirrored from the south pole's side.
+    plane: Complex = (y + 1j * pole * x) / np.maximum(1.0 - pole * z, 1e-300)
+    return plane
+
+
+def _inverse_stereographic(plane: Complex, pole: int = 1) -> Floats:
+    squared = np.abs(plane) ** 2
+    z = pole * (squared - 1.0) / (squared + 1.0)
+    y = 2.0 * plane.real / (squared + 1.0)
+    x = 2.0 * pole * plane.imag / (squared + 1.0)
+    directions: Floats = np.stack([z, y, x], axis=1)
+    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+
+
+def mobius_centered(directions: Floats, weights: Floats, faces: Ints) -> Floats:
+    """Move the weighted mean of the directions to the centre by Möbius maps, keeping angles.
+
+    Gauss–Newton on the inversion's centre (Baden, Crane and Kazhdan 2018,
+    doi:10.1111/cgf.13503); a step that would flip a face is halved.
+    """
+    share = weights / weights.sum()
+    current = directions
+    for _ in range(100):
+        mean = share @ current
+        if np.linalg.norm(mean) < 1e-10:
+            break
+        jacobian = np.eye(3) - np.einsum("i,ij,ik->jk", share, current, current)
+        step = -0.5 * np.linalg.solve(jacobian, mean)
+        length = np.linalg.norm(step)
+        if length > 0.9:
+            step *= 0.9 / length
+        for _ in range(20):
+            moved = _invert(current, step)
+            closer = np.linalg.norm(share @ moved) < np.linalg.norm(mean)
+            if closer and flipped_faces(moved, faces) == 0:
+                break
+            step = 0.5 * step
+        else:
+            break
+        current = moved
+    return current
+
+
+def _invert(directions: Floats, centre: Floats) -> Floats:
+    """Möbius map of the sphere that moves the origin of the ball to `centre`."""
+    shifted = directions + centre
+    factor = (1.0 - centre @ centre) / np.einsum("ij,ij->i", shifted, shifted)
+    moved = factor[:, None] * shifted + centre
+    unit: Floats = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+    return unit

@@ -1,0 +1,100 @@
+"""The numbers that say how good each chart is; they become ``atlas.quality``."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from ..charts import UV, Reference, SealedSurface, Sphere, Surface, Topography
+from ..geometry.compare import area_difference, chamfer_distance, volume_difference
+from ..geometry.distortion import (
+    flipped_faces,
+    mean_conformal_error,
+    mean_log_area_distortion,
+)
+from ..geometry.mesh import mesh_report, signed_volume
+from .topography import topography_to_world
+
+ROUND_TRIP_VOXELS = 0.01
+
+Numbers = dict[str, Any]
+
+
+def measure_sealed(sealed: SealedSurface) -> Numbers:
+    """What was closed, and the topology and quality of the sealed surface."""
+    parts: dict[str, int] = {}
+    for part in sealed.sealed:
+        parts[part["kind"]] = parts.get(part["kind"], 0) + 1
+    return {
+        "sealed_parts": len(sealed.sealed),
+        **{f"sealed_{kind}_count": count for kind, count in parts.items()},
+        "sealed_volume_um3": float(sum(part["volume_um3"] for part in sealed.sealed)),
+        **mesh_report(sealed.vertices, sealed.faces),
+    }
+
+
+def measure_reference(chart: Reference) -> Numbers:
+    """Topology and mesh quality, where the flow stopped and why."""
+    return {
+        **mesh_report(chart.vertices, chart.faces),
+        "iteration": chart.iteration,
+        "stopped_by": chart.stopped_by,
+        "total_curvature": float(chart.total_curvature[-1]),
+    }
+
+
+def measure_sphere(reference: Reference, chart: Sphere) -> Numbers:
+    """Flips, conformal error Q and |log λ| of both states of the sphere."""
+    faces = chart.faces
+    return {
+        "conformal_flipped_faces": flipped_faces(chart.conformal, faces),
+        "conformal_mean_q": mean_conformal_error(reference.vertices, chart.conformal, faces),
+        "flipped_faces": flipped_faces(chart.vertices, faces),
+        "mean_q": mean_conformal_error(reference.vertices, chart.vertices, faces),
+        "mean_abs_log_lambda": mean_log_area_distortion(reference.vertices, chart.vertices, faces),
+        "blend": chart.blend,
+        "flow_iterations": max(len(chart.error_history) - 1, 0),
+    }
+
+
+def measure_uv(reference: Reference, chart: UV) -> Numbers:
+    """Pixels located, and the mean distortion of the image."""
+    area = chart.fields["area_um2"]
+    log_lambda = np.log(np.maximum(chart.fields["area_distortion"], 1e-300))
+    return {
+        "unlocated_pixels": int((chart.face < 0).sum()),
+        "mean_q": float((area * chart.fields["conformal_error"]).sum() / area.sum()),
+        "mean_abs_log_lambda": float(np.abs(log_lambda).mean()),
+        "area_um2": float(area.sum()),
+        "reference_area_error": float(
+            area.sum() / mesh_report(reference.vertices, reference.faces)["area_um2"] - 1.0
+        ),
+    }
+
+
+def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> Numbers:
+    """Folded cells, unmapped vertices, round trip, and S_topo against S."""
+    mapped = np.isfinite(chart.surface).all(axis=1)
+    back, _ = topography_to_world(chart, chart.surface[mapped])
+    miss = np.linalg.norm(back - surface.vertices[mapped], axis=1) / voxel_um
+    exact = int((miss <= ROUND_TRIP_VOXELS).sum())
+    cells = int((len(chart.d_um) - 1 - chart.first_layer).clip(min=0).sum())
+    vertices, faces = chart.meshed_vertices, chart.meshed_faces
+    report = mesh_report(vertices, faces)
+    return {
+        "folded_cells": chart.folded_cells,
+        "folded_fraction": chart.folded_cells / max(cells, 1),
+        "unmapped_fraction": 1.0 - float(mapped.mean()),
+        "round_trip_fraction": exact / len(mapped),
+        "round_trip_max_voxels": float(miss.max(initial=0.0)),
+        "outward_um": float(chart.d_um[-1]),
+        "inward_um": float(-chart.d_um[0]),
+        "chamfer_voxels": chamfer_distance(vertices, surface.vertices) / voxel_um,
+        "area_difference": area_difference(vertices, faces, surface.vertices, surface.faces),
+        "volume_difference": volume_difference(vertices, faces, surface.vertices, surface.faces),
+        "meshed_euler_characteristic": report["euler_characteristic"],
+        "meshed_watertight": report["watertight"],
+        "meshed_components": report["components"],
+        "meshed_volume_um3": signed_volume(vertices, faces),
+    }

@@ -1,0 +1,105 @@
+"""From a place in the uv image out to where its normal leaves the surface last."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+
+from ..charts import Floats, Ints, Surface, Topography
+from ..geometry.locate import SurfaceLocator
+from ..geometry.padding import sample_uv_nearest, wrap_uv
+from ..geometry.raster import outermost_faces
+from .topography import topography_to_world
+
+# Layers searched above and below the height known from the neighbouring pixels.
+ABOVE, BELOW = 4, 8
+
+
+class OutermostSurface:
+    """The outermost crossing of the surface with the streamline over each (v, u).
+
+    The image of the outermost face per pixel is drawn once from the surface's mesh in
+    (d, u, v). For a single place the streamline, a chain of straight segments between
+    layers, is intersected with the surface itself, so the answer lies on the surface.
+    """
+
+    def __init__(self, surface: Surface, chart: Topography) -> None:
+        self._surface = surface
+        self._chart = chart
+        self._locator: SurfaceLocator | None = None
+        rows = chart.shape[1]
+        face, weights, height = outermost_faces(chart.cut_vertices, chart.cut_faces, rows)
+        self.face = _original_faces(surface, chart, face)
+        # Cutting keeps the order of the corners, so the weights carry over as they are.
+        self.weights = weights
+        self.height_um = height
+
+    def image(self, values: npt.NDArray[np.generic]) -> Floats:
+        """A scalar per vertex of the surface as an image (N, 2N) of the outermost surface."""
+        corners = np.asarray(values, dtype=np.float64)[self._surface.faces[self.face]]
+        image: Floats = np.einsum("ijk,ijk->ij", corners, self.weights)
+        image[self.face < 0] = np.nan
+        return image
+
+    def locate(self, points: Floats) -> tuple[Ints, Floats, npt.NDArray[np.bool_]]:
+        """Face (n,), weights (n, 3) and validity of the crossing over (v, u) (n, 2)."""
+        if self._locator is None:
+            self._locator = SurfaceLocator(self._surface.vertices, self._surface.faces)
+        vu = wrap_uv(points, self._chart.shape[1])
+        layer = self._start_layer(vu)
+        face = np.full(len(points), -1, np.int64)
+        weights = np.zeros((len(points), 3))
+        last = np.maximum(layer - ABOVE - BELOW, 0)
+        todo = np.arange(len(points))
+        while len(todo):
+            upper, lower = (
+                self._position(layer[todo], vu[todo]),
+                self._position(layer[todo] - 1, vu[todo]),
+            )
+            hit, place = self._locator.first_hit(upper, lower)
+            face[todo], weights[todo] = hit, place
+            layer[todo] -= 1
+            todo = todo[(hit < 0) & (layer[todo] > last[todo])]
+        missed = np.flatnonzero(face < 0)
+        if len(missed):
+            self._search_whole_columns(vu, missed, face, weights)
+        return face, weights, face >= 0
+
+    def _start_layer(self, vu: Floats) -> Ints:
+        """A layer safely above the crossing, from the heights of the pixels around."""
+        chart = self._chart
+        step = chart.d_um[1] - chart.d_um[0]
+        height = np.where(np.isfinite(self.height_um), self.height_um, chart.d_um[-1])
+        around = [
+            sample_uv_nearest(height, vu + offset)
+            for offset in ((0, 0), (0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5))
+        ]
+        top = (np.max(around, axis=0) - chart.d_um[0]) / step
+        return np.clip(np.ceil(top).astype(np.int64) + ABOVE, 1, len(chart.d_um) - 1)
+
+    def _search_whole_columns(self, vu: Floats, missed: Ints, face: Ints, weights: Floats) -> None:
+        assert self._locator is not None
+        for top in range(len(self._chart.d_um) - 1, 0, -1):
+            if len(missed) == 0:
+                return
+            layers = np.full(len(missed), top)
+            hit, place = self._locator.first_hit(
+                self._position(layers, vu[missed]), self._position(layers - 1, vu[missed])
+            )
+            found = hit >= 0
+            face[missed[found]], weights[missed[found]] = hit[found], place[found]
+            missed = missed[~found]
+
+    def _position(self, layer: Ints, vu: Floats) -> Floats:
+        d = self._chart.d_um[np.maximum(layer, 0)]
+        world, valid = topography_to_world(self._chart, np.column_stack([d, vu]))
+        # Below the deepest layer of a column there is nothing to hit.
+        return np.where(valid[:, None], world, 1e9)
+
+
+def _original_faces(surface: Surface, chart: Topography, face: Ints) -> Ints:
+    """Faces of the surface from faces of the cut mesh, which leaves out unmapped ones."""
+    mapped = np.isfinite(chart.surface[:, 0])[surface.faces].all(axis=1)
+    original = np.append(np.flatnonzero(mapped), -1)
+    result: Ints = original[face]
+    return result

@@ -1,0 +1,230 @@
+"""Step 1: the smooth genus-0 reference under the protrusions.
+
+The sealed surface flows by conformalized mean curvature flow (Kazhdan, Solomon and
+Ben-Chen 2012, doi:10.1111/j.1467-8659.2012.03179.x) until its protrusions are gone,
+is voxelised, made a topological ball, meshed and remeshed.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+import scipy.sparse as sparse
+from scipy import ndimage
+
+from ..charts import Floats, Ints, Mask, Reference, SealedSurface, Volume
+from ..errors import NotGenusZeroError
+from ..geometry.curvature import mean_curvature, total_absolute_curvature
+from ..geometry.distance import signed_distance
+from ..geometry.laplacian import Factor, conjugate_gradient, cotangent_laplacian, vertex_mass
+from ..geometry.marching import clamped_marching_cubes, field_with_sign
+from ..geometry.mesh import euler_characteristic, face_areas, is_watertight
+from ..geometry.remesh import level_set_projection, relax, simplify
+from ..geometry.topology import seal
+from ..geometry.voxelize import voxelize
+from ..parameters import ReferenceParameters
+from ..progress import Progress
+
+logger = logging.getLogger(__name__)
+
+MASS_FLOOR = 1e-14
+SOLVER_TOLERANCE = 1e-9
+SOLVER_ITERATIONS = 12
+FIT_ROUNDS = 10
+
+
+@dataclass(frozen=True, eq=False)
+class Flow:
+    """The flow's vertices (n, 3) of unit area at its stop, and the curve that stopped it."""
+
+    vertices: Floats
+    iteration: int
+    total_curvature: Floats
+    stopped_by: str
+
+
+def reference(
+    sealed: SealedSurface, parameters: ReferenceParameters, progress: Progress
+) -> Reference:
+    """Make the reference of a sealed surface (paper, Step 1).
+
+    Parameters
+    ----------
+    sealed : SealedSurface
+        Genus 0, with its mask on the isotropic working grid.
+    parameters : ReferenceParameters
+    progress : Progress
+
+    Returns
+    -------
+    Reference
+        Watertight, one component, χ = 2.
+
+    Raises
+    ------
+    NotGenusZeroError
+        The mesh of the reference is not a topological sphere.
+    """
+    if sealed.mask is None:
+        raise NotGenusZeroError("The sealed surface has no mask.", hint="Make it with seal().")
+    flow = conformalized_flow(sealed.vertices, sealed.faces, parameters, progress.part(0, 0.6))
+    placed = fit_to(flow.vertices, sealed.vertices, vertex_mass(sealed.vertices, sealed.faces))
+    mask = sealed.mask
+    progress(0.62, "voxelising the reference")
+    solid = seal(_largest(voxelize(mask.to_index(placed), sealed.faces, mask.shape)))
+    progress(0.72, "meshing the reference")
+    level = level_function(solid, parameters.smoothing_voxels)
+    vertices, faces = mesh_level(level, parameters.vertex_fraction, progress.part(0.75, 0.95))
+    chi = euler_characteristic(faces)
+    if chi != 2 or not is_watertight(faces):
+        raise NotGenusZeroError(
+            "The reference is not a topological sphere.",
+            euler_characteristic=chi,
+            hint="Smooth more (a later stop of the flow), or choose a smaller working voxel.",
+        )
+    curvature = mean_curvature(signed_distance(solid), vertices) / mask.voxel_size[0]
+    return Reference(
+        vertices=mask.to_world(vertices),
+        faces=faces,
+        fields={"mean_curvature_per_um": curvature},
+        mask=Mask(solid, mask.voxel_size, mask.origin),
+        level=Volume(level, mask.voxel_size, mask.origin),
+        iteration=flow.iteration,
+        total_curvature=flow.total_curvature,
+        stopped_by=flow.stopped_by,
+    )
+
+
+def conformalized_flow(
+    vertices: Floats, faces: Ints, parameters: ReferenceParameters, progress: Progress
+) -> Flow:
+    """Run the cMCF until its stopping rule fires (paper, Step 1).
+
+    ``(M_t − δ L_0) v(t+1) = M_t v(t)`` with unit total area and the centroid at the origin
+    after every iteration. The factor of the first iteration's matrix preconditions the
+    conjugate gradients of the later ones.
+    """
+    points = _normalized(vertices, faces)
+    stiffness = parameters.delta * cotangent_laplacian(points, faces)
+    curve = [total_absolute_curvature(points, faces)]
+    factor: Factor | None = None
+    rule = "maximum iterations"
+    stop_at: int | None = None
+    iteration = 0
+    for iteration in range(1, parameters.iterations + 1):
+        progress((iteration - 1) / parameters.iterations, f"smoothing, iteration {iteration}")
+        mass = np.maximum(vertex_mass(points, faces), MASS_FLOOR)
+        matrix = sparse.csr_array(sparse.diags_array(mass) - stiffness)
+        right = mass[:, None] * points
+        solved = False
+        if factor is not None:
+            solution, solved = progress.run(
+                conjugate_gradient,
+                matrix,
+                right,
+                factor,
+                tolerance=SOLVER_TOLERANCE,
+                iterations=SOLVER_ITERATIONS,
+            )
+        if not solved:
+            factor = progress.run(Factor, matrix)
+            solution = factor.solve(right)
+        points = _normalized(solution, faces)
+        curve.append(total_absolute_curvature(points, faces))
+        if stop_at is None:
+            fired = stopping_rule(np.array(curve), len(vertices), parameters)
+            if fired:
+                rule, stop_at = fired, iteration + parameters.extra_iterations
+        if stop_at is not None and iteration >= stop_at:
+            break
+    logger.info("cMCF stopped at iteration %d (%s)", iteration, rule)
+    return Flow(points, iteration, np.array(curve), rule)
+
+
+def stopping_rule(curve: Floats, vertices: int, parameters: ReferenceParameters) -> str:
+    """The name of the rule that fires at the last point of the curve, or an empty string.
+
+    Parameters
+    ----------
+    curve : ndarray, (t + 1,)
+        Total |K| / 4π at iterations 0..t.
+    vertices : int
+        Number of vertices; the paper's rule speaks of the mean over them.
+    """
+    iteration = len(curve) - 1
+    if parameters.stop == "fixed":
+        return "fixed" if iteration >= parameters.fixed_iteration else ""
+    if iteration < max(parameters.minimum_iterations, 1):
+        return ""
+    if parameters.stop == "total_curvature":
+        return "total_curvature" if curve[-1] < parameters.curvature_limit else ""
+    change = (curve[-1] - curve[-2]) * 4.0 * np.pi / vertices
+    if parameters.stop == "paper":
+        return "paper" if change > -parameters.threshold else ""
+    return "change_point" if is_past_elbow(curve) else ""
+
+
+def is_past_elbow(curve: Floats) -> bool:
+    """Whether the last step of a falling curve is a tenth of its steepest one or less."""
+    steps = -np.diff(curve)
+    return len(steps) >= 2 and bool(steps[-1] <= 0.1 * steps.max())
+
+
+def fit_to(moved: Floats, original: Floats, mass: Floats) -> Floats:
+    """Scale and shift flowed vertices back onto the cortex they came from.
+
+    The flow has unit area and no position. Vertices of the cortex hardly move, those of
+    protrusions move far; minimising the sum of distances (not of squares), by iteratively
+    reweighted least squares, follows the cortex.
+    """
+    weights = mass.copy()
+    scale_length = np.sqrt(mass.sum())
+    result = moved
+    for _ in range(FIT_ROUNDS):
+        share = weights / weights.sum()
+        centre_moved, centre = share @ moved, share @ original
+        a, b = moved - centre_moved, original - centre
+        scale = float(share @ np.einsum("ij,ij->i", a, b) / (share @ np.einsum("ij,ij->i", a, a)))
+        result = scale * a + centre
+        distance = np.linalg.norm(result - original, axis=1)
+        weights = mass / np.maximum(distance, 1e-3 * scale_length)
+    return result
+
+
+def level_function(solid: npt.NDArray[np.bool_], smoothing: float) -> npt.NDArray[np.float32]:
+    """Smoothed solid minus ½, its sign forced to agree with the solid."""
+    values = solid.astype(np.float32)
+    smooth = ndimage.gaussian_filter(values, smoothing) if smoothing else values
+    return field_with_sign(smooth - np.float32(0.5), solid)
+
+
+def mesh_level(
+    level: npt.NDArray[np.float32], vertex_fraction: float, progress: Progress
+) -> tuple[Floats, Ints]:
+    """Near-equilateral mesh of the zero set, in index coordinates, topology kept."""
+    vertices, faces = clamped_marching_cubes(level)
+    target = max(int(vertex_fraction * len(vertices)), 500)
+    fewer, triangles = progress.run(simplify, vertices, faces, target)
+    if euler_characteristic(triangles) == euler_characteristic(faces) and is_watertight(triangles):
+        vertices, faces = fewer, triangles
+    project = level_set_projection(ndimage.gaussian_filter(level, 0.5))
+    return relax(vertices, faces, progress, project=project)
+
+
+def _largest(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    labels, count = ndimage.label(solid, structure=np.ones((3, 3, 3)))
+    if count <= 1:
+        return solid
+    largest: npt.NDArray[np.bool_] = labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1
+    return largest
+
+
+def _normalized(points: Floats, faces: Ints) -> Floats:
+    """Unit area, area-weighted centroid at the origin."""
+    area = face_areas(points, faces)
+    centroid = area @ points[faces].mean(axis=1) / area.sum()
+    normalized: Floats = (points - centroid) / np.sqrt(area.sum())
+    return normalized

@@ -1,0 +1,143 @@
+"""From the mask to the surface as it is, and to the sealed surface of genus 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ..charts import Mask, SealedSurface, Surface
+from ..errors import EmptyMaskError, TooSmallError
+from ..geometry.curvature import angle_deficit, mean_curvature
+from ..geometry.distance import signed_distance
+from ..geometry.marching import clamped_marching_cubes, field_with_sign
+from ..geometry.mesh import genus, is_watertight, mesh_report
+from ..geometry.repair import repair
+from ..geometry.topology import seal, sealed_parts
+from ..parameters import SurfaceParameters
+from ..progress import Progress
+
+SMALLEST_VOXELS = 500
+
+
+def smooth_solid(
+    mask: npt.NDArray[np.bool_], smoothing: float
+) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
+    """The smoothed mask minus ½, and the largest component of where it is positive.
+
+    The sign of the field is made to agree with that component, so that what falls off
+    when smoothing does not come back as an island.
+
+    Raises
+    ------
+    EmptyMaskError, TooSmallError
+        Nothing, or next to nothing, is left.
+    """
+    values = mask.astype(np.float32)
+    smooth = ndimage.gaussian_filter(values, smoothing) if smoothing else values
+    solid = smooth > 0.5
+    labels, count = ndimage.label(solid, structure=np.ones((3, 3, 3)))
+    if count == 0:
+        raise EmptyMaskError(
+            "Nothing of the mask is left after smoothing.",
+            voxels=int(mask.sum()),
+            smoothing_voxels=smoothing,
+            hint="Smooth less, or choose a smaller working voxel.",
+        )
+    sizes = np.bincount(labels.ravel())[1:]
+    solid = labels == np.argmax(sizes) + 1
+    if sizes.max() < SMALLEST_VOXELS:
+        raise TooSmallError(
+            "The object is too small to be unwrapped.",
+            voxels=int(sizes.max()),
+            needed=SMALLEST_VOXELS,
+            hint="Choose a smaller working voxel.",
+        )
+    return field_with_sign(smooth - np.float32(0.5), solid), solid
+
+
+def surface(
+    mask: Mask, parameters: SurfaceParameters, given: Surface | None, progress: Progress
+) -> Surface:
+    """The surface of a mask, or a given mesh, with its curvatures.
+
+    Parameters
+    ----------
+    mask : Mask
+        The cell on the isotropic working grid.
+    parameters : SurfaceParameters
+    given : Surface or None
+        A mesh that was read; its vertices and faces are kept.
+    progress : Progress
+
+    Returns
+    -------
+    Surface
+        With the fields ``mean_curvature_per_um`` and ``gaussian_curvature`` (angle
+        deficit in radians), and the report of its topology and quality.
+    """
+    report: dict[str, Any] = {}
+    if given is None:
+        progress(0.1, "marching cubes")
+        field, solid = smooth_solid(mask.data, parameters.smoothing_voxels)
+        vertices, faces = clamped_marching_cubes(field)
+        report["voxels_lost_by_smoothing"] = int((mask.data & ~solid).sum())
+        if not is_watertight(faces):
+            vertices, faces, repaired = repair(vertices, faces)
+            report["repaired"] = repaired
+        vertices = mask.to_world(vertices)
+    else:
+        vertices, faces = given.vertices, given.faces
+        report.update(given.report)
+    progress(0.4, "curvature")
+    distance = signed_distance(mask.data)
+    progress(0.6, "curvature")
+    curvature = mean_curvature(
+        distance, mask.to_index(vertices), smoothing=parameters.curvature_smoothing_voxels
+    )
+    progress(0.9, "measuring the mesh")
+    report.update(mesh_report(vertices, faces))
+    return Surface(
+        vertices=vertices,
+        faces=faces,
+        fields={
+            **(given.fields if given is not None else {}),
+            "mean_curvature_per_um": curvature / mask.voxel_size[0],
+            "gaussian_curvature": angle_deficit(vertices, faces),
+        },
+        report=report,
+    )
+
+
+def sealed_surface(
+    mask: Mask, surface: Surface, parameters: SurfaceParameters, progress: Progress
+) -> SealedSurface:
+    """The same cell with its handles, holes and cavities closed: genus 0, watertight.
+
+    Where nothing was closed its mesh is the surface's own.
+    """
+    progress(0.1, "sealing handles and holes")
+    field, solid = smooth_solid(mask.data, parameters.smoothing_voxels)
+    ball = seal(solid)
+    progress(0.8, "meshing the sealed surface")
+    parts = tuple(
+        {
+            "kind": part["kind"],
+            "position_um": tuple(float(c) for c in mask.to_world(part["position"])),
+            "volume_um3": part["voxels"] * float(np.prod(mask.voxel_size)),
+        }
+        for part in sealed_parts(solid, ball)
+    )
+    if is_watertight(surface.faces) and genus(surface.faces) == 0:
+        vertices, faces = surface.vertices, surface.faces
+    else:
+        index, faces = clamped_marching_cubes(field_with_sign(field, ball))
+        vertices = mask.to_world(index)
+    return SealedSurface(
+        vertices=vertices,
+        faces=faces,
+        mask=Mask(ball, mask.voxel_size, mask.origin),
+        sealed=parts,
+    )

@@ -1,0 +1,97 @@
+"""Step 6: the surface in (d, u, v): its own mesh cut for drawing, and the mapped mask's."""
+
+from __future__ import annotations
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+
+from ..charts import Floats, Ints
+from ..geometry.marching import clamped_marching_cubes
+
+QUANTUM = 1e-4
+
+
+def cut_at_seam(image: Floats, faces: Ints, rows: int) -> tuple[Floats, Ints, Ints]:
+    """Cut a mesh in (d, v, u) along the seam so that no face spans the image.
+
+    Parameters
+    ----------
+    image : ndarray, (n, 3)
+        (d µm, v, u) per vertex, NaN where a vertex has no image.
+    faces : ndarray, (m, 3)
+    rows : int
+        N; the image is 2N wide.
+
+    Returns
+    -------
+    vertices : ndarray, (p, 3)
+        Vertices doubled at the seam, the copies at u + 2N.
+    faces : ndarray, (k, 3)
+        Without faces that have a corner without image.
+    origin : ndarray, (p,)
+        The vertex each one is a copy of.
+    """
+    kept = faces[np.isfinite(image).all(axis=1)[faces].all(axis=1)]
+    u = image[:, 2][kept]
+    shift = (np.ptp(u, axis=1) > rows)[:, None] & (u < rows)
+    origin, place = np.unique(kept + shift * len(image), return_inverse=True)
+    copied = origin >= len(image)
+    origin = np.where(copied, origin - len(image), origin)
+    vertices = image[origin].copy()
+    vertices[copied, 2] += 2.0 * rows
+    return vertices, place.reshape(kept.shape), origin
+
+
+def mesh_mapped_mask(level: npt.NDArray[np.float32], smoothing: float) -> tuple[Floats, Ints]:
+    """Marching cubes of the mapped mask, closed over the seam and the poles.
+
+    Parameters
+    ----------
+    level : ndarray, (D, N + 2, 2N) float32
+        Positive inside the cell, at the nodes of a topography.
+    smoothing : float
+        Gaussian σ, in layers, of the binarised level (the paper's way); 0 meshes the level
+        itself.
+
+    Returns
+    -------
+    vertices : ndarray, (p, 3)
+        Grid coordinates (layer, row, column).
+    faces : ndarray, (q, 3)
+        Outward in space.
+    """
+    if smoothing:
+        binary = (level > 0).astype(np.float32)
+        level = ndimage.gaussian_filter(binary, smoothing, mode=("nearest", "nearest", "wrap"))
+        level -= np.float32(0.5)
+        # Smoothing must not open the pole rows, whose columns are one and the same point.
+        for row in (0, -1):
+            level[:, row] = level[:, row].mean(axis=1, keepdims=True)
+    wrapped = np.concatenate([level, level[:, :, :1]], axis=2)
+    wrapped[-1] = np.minimum(wrapped[-1], -np.float32(0.5))
+    vertices, faces = clamped_marching_cubes(wrapped)
+    # (d, v, u) is a left-handed frame of (z, y, x): turn the faces over.
+    return _weld(vertices, faces[:, ::-1], level.shape[1], level.shape[2])
+
+
+def _weld(vertices: Floats, faces: Ints, rows: int, columns: int) -> tuple[Floats, Ints]:
+    """Join the vertices that meet at the seam and at the poles; drop collapsed faces."""
+    layer, row, column = vertices.T
+    at_pole = (row <= 0.0) | (row >= rows - 1.0)
+    special = np.flatnonzero(at_pole | (column <= 0.0) | (column >= columns))
+    around = np.where(at_pole, 0.0, np.mod(column, columns))[special]
+    key = np.rint(np.stack([layer[special], row[special], around], axis=1) / QUANTUM)
+    _, first, group = np.unique(
+        key.astype(np.int64), axis=0, return_index=True, return_inverse=True
+    )
+    target = np.arange(len(vertices))
+    target[special] = special[first[group.ravel()]]
+    welded = target[faces]
+    keep = (
+        (welded[:, 0] != welded[:, 1])
+        & (welded[:, 1] != welded[:, 2])
+        & (welded[:, 2] != welded[:, 0])
+    )
+    used, renumbered = np.unique(welded[keep], return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3)

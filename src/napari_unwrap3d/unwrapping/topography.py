@@ -1,0 +1,276 @@
+"""Steps 5 and 6: the (d, u, v) space normal to the reference, and the surface in it."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from ..charts import UV, Floats, Ints, Mask, Reference, Sphere, Surface, Topography, Volume
+from ..geometry.curvilinear import count_folded, evaluate, invert, rows_from_v, v_from_rows
+from ..geometry.interpolate import sample_linear
+from ..geometry.locate import SphericalLocator, interpolate
+from ..geometry.padding import wrap_uv
+from ..geometry.streamlines import trace_into
+from ..parameters import SurfaceParameters, TopographyParameters
+from ..progress import Progress
+from .normal_field import NormalField, normal_field
+from .topographic_surface import cut_at_seam, mesh_mapped_mask
+from .uv import uv_to_direction
+
+logger = logging.getLogger(__name__)
+
+PAPER_DEPTH_VOXELS = 20.0
+COLUMNS_PER_REPORT = 16384
+# A point counts as mapped when the map brings it back to within this many voxels.
+FOUND_VOXELS = 1e-3
+NEWTON_ITERATIONS = 40
+STARTS = 6
+
+
+def topography(
+    surface: Surface,
+    mask: Mask,
+    reference: Reference,
+    sphere: Sphere,
+    uv: UV,
+    parameters: TopographyParameters,
+    surface_parameters: SurfaceParameters,
+    progress: Progress,
+) -> Topography:
+    """Propagate the reference along its normals and map the cell into (d, u, v).
+
+    Parameters
+    ----------
+    surface : Surface
+        Carried through the inverse map, vertex by vertex.
+    mask : Mask
+        The same cell as a volume, mapped by interpolation and meshed as in the paper.
+    reference, sphere, uv
+        The charts of Steps 1–4.
+    """
+    assert reference.mask is not None
+    field = normal_field(reference.mask, surface.vertices, progress.part(0.0, 0.2))
+    inward, outward, voxel_step = _extent(field, surface, parameters)
+    nodes, first_layer = trace_nodes(
+        field,
+        _start_points(reference, sphere, uv),
+        inward,
+        outward,
+        voxel_step,
+        progress.part(0.2, 0.55),
+    )
+    folded = int(progress.run(count_folded, nodes, first_layer)[0])
+    progress(0.65, "mapping the surface")
+    edge = mask.voxel_size[0]
+    step_um = voxel_step * edge
+    nodes *= np.float32(edge)
+    nodes += np.asarray(field.distance.origin, dtype=np.float32)
+    d_um = (np.arange(len(nodes)) - inward) * step_um
+    locator = TopographyLocator(nodes, d_um, edge)
+    image, _ = locator.locate(surface.vertices, progress.part(0.65, 0.8))
+    progress(0.8, "mapping the mask")
+    level = _mapped_level(nodes, mask, surface_parameters)
+    progress(0.85, "meshing the topographic surface")
+    meshed = mesh_mapped_mask(level, parameters.smoothing_voxels)
+    meshed_vertices = evaluate(nodes, meshed[0])
+    vertices, faces, origin = cut_at_seam(image, surface.faces, uv.shape[0])
+    return Topography(
+        nodes=nodes,
+        d_um=d_um,
+        first_layer=first_layer,
+        mask=level[:, 1:-1] > 0,
+        surface=image,
+        cut_vertices=vertices,
+        cut_faces=faces,
+        cut_origin=origin,
+        meshed_vertices=meshed_vertices,
+        meshed_faces=meshed[1],
+        folded_cells=folded,
+    )
+
+
+def _extent(
+    field: NormalField, surface: Surface, parameters: TopographyParameters
+) -> tuple[int, int, float]:
+    """Numbers of layers inwards and outwards, and their distance in voxels (α).
+
+    D_out encloses the whole surface. D_in is the parameter, or at least the paper's 40
+    steps of ½ voxel and as deep as the surface goes below the reference.
+    """
+    edge = field.distance.voxel_size[0]
+    length = field.arc_length(surface.vertices)
+    step = parameters.step_voxels
+    margin = parameters.margin_voxels
+    highest = max(float(np.nanmax(length, initial=0.0)), 0.0)
+    deepest = max(-float(np.nanmin(length, initial=0.0)), 0.0)
+    if parameters.depth_um is None:
+        depth = max(PAPER_DEPTH_VOXELS, deepest + margin)
+    else:
+        depth = parameters.depth_um / edge
+    longest = 2.0 * max(field.distance.shape)
+    inward = int(np.ceil(min(depth, longest) / step))
+    outward = int(np.ceil((highest + margin) / step))
+    return inward, outward, step
+
+
+def _start_points(reference: Reference, sphere: Sphere, uv: UV) -> Floats:
+    """The reference's points (N + 2, 2N, 3) in µm under every pixel and both poles."""
+    rows, columns = uv.shape
+    locator = SphericalLocator(sphere.vertices @ uv.rotation.T, sphere.faces)
+    poles = uv_to_direction(np.array([[-0.5, 0.0], [rows - 0.5, 0.0]]), rows)
+    face, weights = locator.locate(poles)
+    ends = interpolate(reference.vertices, reference.faces, face, weights)
+    first = np.broadcast_to(ends[0], (1, columns, 3))
+    last = np.broadcast_to(ends[1], (1, columns, 3))
+    return np.concatenate([first, uv.positions, last])
+
+
+def trace_nodes(
+    field: NormalField,
+    start: Floats,
+    inward: int,
+    outward: int,
+    step: float,
+    progress: Progress,
+) -> tuple[npt.NDArray[np.float32], Ints]:
+    """Trace every column both ways (paper, Step 5, with a midpoint rule).
+
+    Parameters
+    ----------
+    start : ndarray, (rows, columns, 3)
+        In µm, on the reference.
+    inward, outward : int
+        Numbers of layers.
+    step : float
+        Arc length between layers in voxels.
+
+    Returns
+    -------
+    nodes : ndarray, (inward + 1 + outward, rows, columns, 3) float32
+        Index coordinates of the field's grid.
+    first_layer : ndarray, (rows, columns) int64
+        The deepest layer that each column reaches.
+    """
+    rows, columns = start.shape[:2]
+    count = rows * columns
+    nodes = np.empty((inward + 1 + outward, rows, columns, 3), np.float32)
+    flat = nodes.reshape(len(nodes), count, 3)
+    points = field.distance.to_index(start.reshape(-1, 3)).astype(np.float32)
+    flat[inward] = points
+    first = np.zeros(count, np.int64)
+    for begin in range(0, count, COLUMNS_PER_REPORT):
+        progress(begin / count, "following the normals")
+        part = slice(begin, min(begin + COLUMNS_PER_REPORT, count))
+        trace_into(
+            field.directions, points[part], step, field.core, 0.0, flat[:, part], inward + 1, 1
+        )
+        reached = trace_into(
+            field.directions,
+            points[part],
+            -step,
+            field.core,
+            field.core_radius,
+            flat[:, part],
+            inward - 1,
+            -1,
+        )
+        first[part] = inward - reached
+    return nodes, first.reshape(rows, columns)
+
+
+def _mapped_level(
+    nodes: npt.NDArray[np.float32], mask: Mask, parameters: SurfaceParameters
+) -> npt.NDArray[np.float32]:
+    """The smoothed mask minus ½ at every node (D, N + 2, 2N)."""
+    smooth = ndimage.gaussian_filter(mask.data.astype(np.float32), parameters.smoothing_voxels)
+    return sample_volume(Volume(smooth, mask.voxel_size, mask.origin), nodes) - np.float32(0.5)
+
+
+def sample_volume(volume: Volume, nodes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Trilinear values of a volume at nodes (D, rows, columns, 3) in µm (paper, Step 5)."""
+    values = np.empty(nodes.shape[:-1], np.float32)
+    scale = (1.0 / np.asarray(volume.voxel_size)).astype(np.float32)
+    origin = np.asarray(volume.origin, dtype=np.float32)
+    for layer, layer_nodes in enumerate(nodes):
+        values[layer] = sample_linear(volume.data, (layer_nodes - origin) * scale)
+    return values
+
+
+class TopographyLocator:
+    """The inverse map (z, y, x) → (d, v, u): nearest nodes, then Newton in the cells."""
+
+    def __init__(self, nodes: npt.NDArray[np.float32], d_um: Floats, voxel_um: float) -> None:
+        self._nodes = nodes
+        self._d_um = d_um
+        self._tolerance = FOUND_VOXELS * voxel_um
+        layers, rows, columns = nodes.shape[:3]
+        row_stride = max(rows // 64, 1)
+        self._layers = np.arange(0, layers, 4)
+        self._rows = np.arange(0, rows, row_stride)
+        self._columns = np.arange(0, columns, row_stride)
+        coarse = nodes[np.ix_(self._layers, self._rows, self._columns)]
+        self._tree = cKDTree(coarse.reshape(-1, 3), balanced_tree=False, compact_nodes=False)
+        self._shape = coarse.shape[:3]
+
+    def locate(self, points: Floats, progress: Progress) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        """(d µm, v, u) of points (n, 3) in µm, NaN where not found, and whether found."""
+        target = np.ascontiguousarray(points, dtype=np.float64)
+        best = np.full(len(target), np.inf)
+        grid = np.zeros((len(target), 3))
+        start = self._starts(target)
+        for attempt in range(STARTS):
+            todo = np.flatnonzero(~(best < self._tolerance))
+            if len(todo) == 0:
+                break
+            found, residual = progress.run(
+                invert,
+                self._nodes,
+                target[todo],
+                start[todo, attempt],
+                NEWTON_ITERATIONS,
+                0.01 * self._tolerance,
+            )
+            better = residual < best[todo]
+            best[todo[better]], grid[todo[better]] = residual[better], found[better]
+        valid = best < self._tolerance
+        image = self._from_grid(grid)
+        image[~valid] = np.nan
+        return image, valid
+
+    def _starts(self, target: Floats) -> Floats:
+        """Grid coordinates (n, STARTS, 3) of the nearest coarse nodes."""
+        _, index = self._tree.query(target, k=STARTS)
+        layer, row, column = np.unravel_index(index, self._shape)
+        picked = (self._layers[layer], self._rows[row], self._columns[column])
+        return np.stack(picked, axis=-1).astype(np.float64)
+
+    def _from_grid(self, grid: Floats) -> Floats:
+        rows = self._nodes.shape[1] - 2
+        d = np.interp(grid[:, 0], np.arange(len(self._d_um)), self._d_um)
+        v = v_from_rows(grid[:, 1], rows)
+        vu = wrap_uv(np.stack([v, grid[:, 2]], axis=1), rows)
+        return np.column_stack([d, vu])
+
+
+def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:
+    """Positions (n, 3) in µm of points (d µm, v, u), and whether they are in the space."""
+    rows = chart.shape[1]
+    vu = wrap_uv(points[:, 1:], rows)
+    step = chart.d_um[1] - chart.d_um[0]
+    layer = (points[:, 0] - chart.d_um[0]) / step
+    grid = np.column_stack([layer, rows_from_v(vu[:, 0], rows), np.mod(vu[:, 1], 2.0 * rows)])
+    slack = 1e-9 * len(chart.d_um)
+    row = np.clip(np.rint(grid[:, 1]).astype(np.int64), 0, rows + 1)
+    column = np.rint(grid[:, 2]).astype(np.int64) % (2 * rows)
+    valid = (layer >= chart.first_layer[row, column] - slack) & (
+        layer <= len(chart.d_um) - 1 + slack
+    )
+    valid &= np.isfinite(grid).all(axis=1)
+    world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
+    world[~valid] = np.nan
+    return world, valid
