@@ -206,7 +206,7 @@ def _promised_faces(path: Path, ply: Mapping[str, Any]) -> int:
 
 
 def _load_vtp(path: Path) -> tuple[Floats, Ints, Fields]:
-    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkLogger, vtkOutputWindow, vtkStringOutputWindow
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
@@ -231,12 +231,13 @@ def _load_vtp(path: Path) -> tuple[Floats, Ints, Fields]:
     problem = re.search(r"\): (.+)", printed.GetOutput())
     if problem or mesh.GetNumberOfPolys() == 0:
         raise _damaged(path, problem[1].rstrip(".") if problem else "no triangles were found")
-    vertices = vtk_to_numpy(mesh.GetPoints().GetData())
-    faces = vtk_to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
+    to_numpy: Any = numpy_support.vtk_to_numpy  # declares no types
+    vertices = to_numpy(mesh.GetPoints().GetData())
+    faces = to_numpy(mesh.GetPolys().GetConnectivityArray()).reshape(-1, 3)
     data = mesh.GetPointData()
     arrays = [data.GetArray(i) for i in range(data.GetNumberOfArrays())]
     fields = {
-        array.GetName(): np.array(vtk_to_numpy(array))
+        array.GetName(): np.array(to_numpy(array))
         for array in arrays
         if array is not None and array is not data.GetNormals()
     }
@@ -304,21 +305,23 @@ def _write_stl(path: Path, points: Floats, faces: Ints, fields: Fields) -> None:
 
 
 def _write_vtp(path: Path, points: Floats, faces: Ints, fields: Fields) -> None:
-    from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
+    from vtkmodules.util import numpy_support
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
     from vtkmodules.vtkIOXML import vtkXMLPolyDataWriter
 
+    to_vtk: Any = numpy_support.numpy_to_vtk  # declares no types
+    to_index: Any = numpy_support.numpy_to_vtkIdTypeArray
     place = vtkPoints()
-    place.SetData(numpy_to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
+    place.SetData(to_vtk(np.ascontiguousarray(points, dtype=np.float32), deep=True))
     polygons = vtkCellArray()
     corners = np.ascontiguousarray(faces, dtype=np.int64).ravel()
-    polygons.SetData(3, numpy_to_vtkIdTypeArray(corners, deep=True))
+    polygons.SetData(3, to_index(corners, deep=True))
     mesh = vtkPolyData()
     mesh.SetPoints(place)
     mesh.SetPolys(polygons)
     for name, values in fields.items():
-        array = numpy_to_vtk(np.ascontiguousarray(values), deep=True)
+        array = to_vtk(np.ascontiguousarray(values), deep=True)
         array.SetName(name)
         mesh.GetPointData().AddArray(array)
     writer = vtkXMLPolyDataWriter()
