@@ -18,7 +18,8 @@ class Limit:
     """When a number is good (green), fair (amber) or bad (red), and what it means.
 
     A value up to `green` is good and up to `amber` fair; with `least`, a value from
-    `green` up is good and from `amber` up fair.
+    `green` up is good and from `amber` up fair; with `absolute`, the sign does not count.
+    `when` names another number of the chart and the value for which the limit holds.
     """
 
     title: str
@@ -26,9 +27,12 @@ class Limit:
     amber: float
     meaning: str
     least: bool = False
+    absolute: bool = False
+    when: tuple[str, Any] | None = None
 
     def mark(self, value: float) -> Mark:
         """The colour of a value; NaN is bad."""
+        value = abs(value) if self.absolute else value
         sign = -1.0 if self.least else 1.0
         if sign * value <= sign * self.green:
             return "green"
@@ -64,13 +68,72 @@ class Row:
     reason: str = ""
 
 
-LIMITS: dict[tuple[str, str], Limit] = {}
+_HANDLES = "a surface with handles is no sphere; the sealed surface closes them"
+_OPEN = "an open edge leaves inside and outside undefined"
+_FLIPS = "where a face is flipped the map is not one to one"
+_Q = "1 means that angles are kept"
+_LAMBDA = "0 means that areas are kept"
+
+LIMITS: dict[tuple[str, str], Limit] = {
+    ("surface", "genus"): Limit("handles", 0, 1e9, _HANDLES),
+    ("surface", "components"): Limit("parts", 1, 1, "a cell is one piece"),
+    ("surface", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
+    ("surface", "nonmanifold_edges"): Limit("non-manifold edges", 0, 0, _OPEN),
+    ("surface", "degenerate_faces"): Limit("degenerate faces", 0, 100, "they have no normal"),
+    ("sealed", "genus"): Limit("handles", 0, 0, "it must be a topological sphere"),
+    ("sealed", "components"): Limit("parts", 1, 1, "a cell is one piece"),
+    ("sealed", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
+    ("reference", "genus"): Limit("handles", 0, 0, "it must be a topological sphere"),
+    ("reference", "components"): Limit("parts", 1, 1, "a cell is one piece"),
+    ("reference", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
+    ("reference", "radius_ratio_min"): Limit(
+        "worst face (radius ratio)", 0.2, 0.05, "thin faces make maps inexact", least=True
+    ),
+    ("sphere", "conformal_flipped_faces"): Limit("flipped faces (conformal)", 0, 0, _FLIPS),
+    ("sphere", "conformal_mean_q"): Limit("mean Q (conformal)", 1.01, 1.05, _Q),
+    ("sphere", "flipped_faces"): Limit("flipped faces", 0, 0, _FLIPS),
+    ("sphere", "mean_abs_log_lambda"): Limit(
+        "mean |log λ|", 0.005, 0.05, _LAMBDA, when=("blend", 1.0)
+    ),
+    ("uv", "unlocated_pixels"): Limit("pixels without a place", 0, 0, "every pixel has one"),
+    ("topography", "folded_fraction"): Limit(
+        "folded cells (fraction)", 0, 0.001, "where the grid folds the map is not one to one"
+    ),
+    ("topography", "unmapped_fraction"): Limit(
+        "vertices without an image (fraction)", 0, 0.001, "they lie outside of the mapped shell"
+    ),
+    ("topography", "round_trip_fraction"): Limit(
+        "vertices that come back within 0.01 voxel", 0.999, 0.99, "there and back", least=True
+    ),
+    ("topography", "chamfer_voxels"): Limit(
+        "distance of S_topo to the surface (voxels)", 0.6, 1.3, "Chamfer distance"
+    ),
+    ("topography", "area_difference"): Limit(
+        "area of S_topo against the surface", 0.04, 0.10, "relative difference", absolute=True
+    ),
+    ("topography", "volume_difference"): Limit(
+        "volume of S_topo against the surface", 0.01, 0.03, "relative difference", absolute=True
+    ),
+}
+
+
+# Shown beside the judged numbers: what the cell and its charts are like.
+KEY_NUMBERS = {
+    ("surface", "vertices"): "vertices",
+    ("surface", "area_um2"): "area (µm²)",
+    ("surface", "volume_um3"): "volume (µm³)",
+    ("sealed", "sealed_parts"): "handles, holes and cavities closed",
+    ("reference", "iteration"): "stopped at iteration",
+    ("sphere", "blend"): "blend (0 conformal, 1 equiareal)",
+    ("topography", "outward_um"): "mapped outwards (µm)",
+    ("topography", "inward_um"): "mapped inwards (µm)",
+}
 
 
 def quality_rows(quality: Mapping[str, Any]) -> list[Row]:
     """Every number of ``atlas.quality``, in the order of the charts, with its mark."""
     return [
-        _row(chart, quantity, value)
+        _row(chart, quantity, value, numbers)
         for chart, numbers in quality.items()
         for quantity, value in _flat(numbers)
     ]
@@ -83,9 +146,32 @@ def worst_mark(rows: list[Row]) -> Mark:
     return next((mark for mark in order if mark in marks), "")
 
 
-def _row(chart: str, quantity: str, value: Any) -> Row:
+UNITS = {
+    "_per_um": " (1/µm)",
+    "_um3": " (µm³)",
+    "_um2": " (µm²)",
+    "_um": " (µm)",
+    "_s": " (s)",
+    "_voxels": " (voxels)",
+}
+
+
+def in_words(quantity: str) -> str:
+    """The name of a quantity with its unit: ``area_um2`` is "area (µm²)"."""
+    for suffix, unit in UNITS.items():
+        if quantity.endswith(suffix):
+            quantity = quantity.removesuffix(suffix) + unit
+            break
+    return quantity.replace("_", " ")
+
+
+def _row(chart: str, quantity: str, value: Any, numbers: Mapping[str, Any]) -> Row:
     limit = LIMITS.get((chart, quantity))
-    title = limit.title if limit is not None else quantity.replace("_", " ")
+    title = KEY_NUMBERS.get((chart, quantity), in_words(quantity))
+    title = limit.title if limit is not None else title
+    if limit is not None and limit.when is not None:
+        name, expected = limit.when
+        limit = limit if numbers.get(name, expected) == expected else None
     if limit is None or value is None or isinstance(value, str):
         return Row(chart, quantity, value, title=title)
     number = float(value)

@@ -60,6 +60,7 @@ def symmetric(
     name: str = "RdBu_r",
     ends: tuple[str, str] = ("", ""),
     least: float = 1e-3,
+    weights: npt.NDArray[Any] | None = None,
 ) -> Colours:
     """Red where positive, blue where negative, white at 0; the outermost 2 % saturate.
 
@@ -67,16 +68,21 @@ def symmetric(
     wide enough that a constant does not look extreme.
     """
     size = np.abs(values)
-    high = max(_percentile(size, 98.0), 1.7 * _percentile(size, 50.0), least)
+    middle, high = (_percentile(size, percent, weights) for percent in (50.0, 98.0))
+    high = max(high, 1.7 * middle, least)
     return Colours(name, -high, high, label, ends)
 
 
 def sequential(
-    values: npt.NDArray[Any], label: str, name: str = "viridis", low: float | None = None
+    values: npt.NDArray[Any],
+    label: str,
+    name: str = "viridis",
+    low: float | None = None,
+    weights: npt.NDArray[Any] | None = None,
 ) -> Colours:
     """From the lowest (or `low`) to the highest values; the outermost 1 % saturate."""
-    start = _percentile(values, 1.0) if low is None else low
-    stop = _percentile(values, 99.0)
+    start = _percentile(values, 1.0, weights) if low is None else low
+    stop = _percentile(values, 99.0, weights)
     return Colours(name, start, stop if stop > start else start + 1e-3, label)
 
 
@@ -85,19 +91,26 @@ def curvature_colours(values: npt.NDArray[Any]) -> Colours:
     return symmetric(values, "mean curvature H (µm⁻¹)", ends=("hollow", "bulging"))
 
 
-def _percentile(values: npt.NDArray[Any], percent: float) -> float:
-    finite = np.asarray(values, dtype=float)
-    finite = finite[np.isfinite(finite)]
-    return float(np.percentile(finite, percent)) if finite.size else 0.0
+def _percentile(
+    values: npt.NDArray[Any], percent: float, weights: npt.NDArray[Any] | None = None
+) -> float:
+    """Percentile of the finite values; with weights, of the weight."""
+    flat = np.asarray(values, dtype=float).ravel()
+    share = np.ones(len(flat)) if weights is None else np.asarray(weights, dtype=float).ravel()
+    keep = np.isfinite(flat) & np.isfinite(share)
+    if not keep.any():
+        return 0.0
+    order = np.argsort(flat[keep])
+    total = np.cumsum(share[keep][order])
+    index = np.searchsorted(total, percent / 100 * total[-1])
+    return float(flat[keep][order][min(index, len(order) - 1)])
 
 
 def new_figure(width: float, height: float, title: str, subtitle: str = "") -> Figure:
-    """An empty figure (inches) with its title and an Agg canvas."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    """An empty figure (inches) with its title."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
     figure.suptitle(title, fontsize=15, fontweight="bold", color=INK)
     if subtitle:
         figure.supxlabel(subtitle, fontsize=10, color="#555555")
@@ -106,13 +119,15 @@ def new_figure(width: float, height: float, title: str, subtitle: str = "") -> F
 
 def save_figure(figure: Figure, path: Path) -> Path:
     """Write a PNG atomically; the same figure gives the same bytes."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.image import imsave
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()  # once; savefig would draw everything a second time for the layout
+    image = np.asarray(canvas.buffer_rgba())[..., :3]
+    options: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 3}}
     with replacing(path) as partial:
-        figure.savefig(
-            partial,
-            format="png",
-            metadata={"Software": None},
-            pil_kwargs={"compress_level": 3},
-        )
+        imsave(partial, np.ascontiguousarray(image), format="png", dpi=DPI, **options)
     return path
 
 
@@ -124,21 +139,23 @@ def colour_bar(figure: Figure, colours: Colours, axes: Any, **options: Any) -> N
     )
     bar.set_label(colours.label, fontsize=11, color=INK)
     bar.ax.tick_params(labelsize=9)
-    bar.outline.set_linewidth(0.5)  # type: ignore[operator]
-    for position, word, alignment in zip(
-        (-0.04, 1.04), colours.ends, ("top", "bottom"), strict=True
-    ):
-        if word:
-            bar.ax.text(
-                0.5,
-                position,
-                word,
-                transform=bar.ax.transAxes,
-                fontsize=9,
-                color="#555555",
-                ha="center",
-                va=alignment,
-            )
+    bar.outline.set_linewidth(0.5)
+    flat = bar.orientation == "horizontal"
+    for position, word in zip((-0.075, 1.075), colours.ends, strict=True):
+        x, y = (position, 0.5) if flat else (0.5, position)
+        outer = ("right", "left") if flat else ("top", "bottom")
+        towards = outer[0] if position < 0 else outer[1]
+        horizontal, vertical = (towards, "center") if flat else ("center", towards)
+        bar.ax.text(
+            x,
+            y,
+            word,
+            transform=bar.ax.transAxes,
+            fontsize=9,
+            color="#555555",
+            ha=horizontal,
+            va=vertical,
+        )
 
 
 # Meshes ------------------------------------------------------------------------
@@ -222,15 +239,16 @@ def uv_panel(axes: Axes, image: npt.NDArray[Any], colours: Colours, title: str =
     axes.imshow(
         np.ma.masked_invalid(image),
         cmap=mappable.cmap,
-        norm=mappable.norm,
+        vmin=colours.low,
+        vmax=colours.high,
         extent=(-0.5, columns - 0.5, rows - 0.5, -0.5),
         interpolation="antialiased",
     )
     axes.set_title(title, fontsize=12, color=INK)
     axes.set_xlabel("u, around the axis (pixels)", fontsize=10)
     axes.set_ylabel("v, pole to pole (pixels)", fontsize=10)
-    axes.set_xticks(np.linspace(0, columns, 5))
-    axes.set_yticks(np.linspace(0, rows, 3))
+    axes.set_xticks([0, columns // 4, columns // 2, 3 * columns // 4, columns - 1])
+    axes.set_yticks([0, rows // 2, rows - 1])
     axes.tick_params(labelsize=9)
 
 
@@ -251,12 +269,13 @@ def histogram_panel(
     axes.bar(
         middle, share, np.diff(edges), color=colours(middle), edgecolor="#777777", linewidth=0.4
     )
+    axes.set_ylim(0, 1.2 * share.max())
     at, text = mark
     axes.axvline(at, color=INK, linewidth=1.2, linestyle="--")
     side = "left" if at < (colours.low + colours.high) / 2 else "right"
     axes.annotate(
         text,
-        (at, 0.95),
+        (at, 0.98),
         xycoords=("data", "axes fraction"),
         xytext=(6 if side == "left" else -6, 0),
         textcoords="offset points",

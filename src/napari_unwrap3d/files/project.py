@@ -28,7 +28,7 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import charts
-from ..errors import ChartMissingError, FileFormatError, InputError, Unwrap3DError
+from ..errors import FileFormatError, InputError, Unwrap3DError
 from ..parameters import Parameters
 from ..progress import Progress, silent
 from .atomic import from_plain, plain, replacing
@@ -44,7 +44,7 @@ SUFFIX = ".unwrap3d"
 
 CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "mask")
 CHUNK_BYTES = 48 * 2**20
-SMOOTH_GRIDS = ("positions",)
+SMOOTH_GRIDS = ("nodes", "positions")
 
 _DAMAGED = (zipfile.BadZipFile, OSError, EOFError, ValueError, KeyError, RuntimeError, TypeError)
 
@@ -76,7 +76,7 @@ def save_project(atlas: Atlas, path: str | Path, progress: Progress | None = Non
     path = Path(path)
     if path.suffix != SUFFIX:
         path = path.with_name(path.name + SUFFIX)
-    present = {name: chart for name in CHARTS if (chart := _chart(atlas, name)) is not None}
+    present = {name: getattr(atlas, name) for name in CHARTS if atlas.has(name)}
     size = sum(_bytes(chart) for chart in present.values()) or 1
     written = 0
     with replacing(path) as partial, ZipStore(partial, mode="w") as store:
@@ -86,13 +86,6 @@ def save_project(atlas: Atlas, path: str | Path, progress: Progress | None = Non
             _write_group(root, name, chart, part)
             written += _bytes(chart)
     return path
-
-
-def _chart(atlas: Atlas, name: str) -> Any:
-    try:
-        return getattr(atlas, name)
-    except ChartMissingError:
-        return None
 
 
 def _root_attributes(atlas: Atlas) -> dict[str, Any]:
@@ -321,12 +314,12 @@ def _load(path: Path, report: Progress) -> Atlas:
         root = _open_root(store, path)
         summary = _root(root)
         present = [name for name in CHARTS if name in root]
-        loaded: dict[str, Any] = {}
+        loaded: dict[str, Any] = dict.fromkeys(CHARTS)
         for index, name in enumerate(present):
             report(index / len(present), f"reading {name}")
             loaded[name] = _read_group(root[name], entries, report)
     return Atlas(
-        **{name: loaded.get(name) for name in CHARTS},
+        **loaded,
         parameters=Parameters.from_toml(str(summary["parameters"])),
         quality=summary["quality"],
         provenance=summary["provenance"],

@@ -15,6 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Floats, Ints
+from ..geometry.mesh import vertex_normals
 
 # Rows are the directions of (depth, down, right) in (z, y, x): right-handed like the
 # data's axes, so nothing is mirrored. Depth points away from the viewer.
@@ -109,6 +110,9 @@ def render(
     scale = OVERSAMPLING * pixels / max(right - left, bottom - top)
     rows = OVERSAMPLING * max(round((bottom - top) * scale / OVERSAMPLING), 1)
     columns = OVERSAMPLING * max(round((right - left) * scale / OVERSAMPLING), 1)
+    # The extent that whole pixels cover, about the same middle.
+    top, left = (top + bottom - rows / scale) / 2, (left + right - columns / scale) / 2
+    extent = (left, left + columns / scale, top + rows / scale, top)
     seen[:, 1] = (seen[:, 1] - top) * scale - 0.5
     seen[:, 2] = (seen[:, 2] - left) * scale - 0.5
     face = np.full((rows, columns), -1, dtype=np.int64)
@@ -131,19 +135,6 @@ def extent_of(seen: Floats) -> tuple[float, float, float, float]:
     return float(left), float(right), float(bottom), float(top)
 
 
-def vertex_normals(vertices: Floats, faces: Ints) -> Floats:
-    """Area-weighted unit normals (n, 3), outward for faces of positive volume."""
-    a, b, c = (vertices[faces[:, i]] for i in range(3))
-    normal = np.cross(b - a, c - a)
-    total = np.empty_like(vertices)
-    for axis in range(3):
-        total[:, axis] = np.bincount(
-            faces.ravel(), np.repeat(normal[:, axis], 3), minlength=len(vertices)
-        )
-    unit: Floats = total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-300)
-    return unit
-
-
 def _lit(
     colours: npt.NDArray[np.float32], shade: npt.NDArray[np.float32]
 ) -> npt.NDArray[np.float32]:
@@ -160,7 +151,7 @@ def _pooled(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     for row in range(n):
         for column in range(n):
             total += image[row::n, column::n]
-    return total / n**2
+    return total * np.float32(1 / n**2)
 
 
 @numba.njit(cache=True)

@@ -1,0 +1,432 @@
+"""The command ``napari-unwrap3d``: run, info, demo and export.
+
+No logic of its own: it reads, calls the pipeline, and writes with ``files.export``.
+Exit codes: 0 done, 1 an unexpected error, 2 a wrong input or parameter, 130 stopped by
+Ctrl-C.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib.util
+import os
+import signal
+import sys
+import threading
+import tomllib
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from .charts import Mask, Stack, Surface
+from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
+from .parameters import PRESETS, Parameters
+from .progress import Progress
+from .provenance import package_version
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from .atlas import Atlas
+
+INTERRUPTED = 130
+WRONG_INPUT = 2
+
+DEMO_OUTPUT = Path("demo-output")
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line and return its exit code."""
+    from rich.console import Console
+
+    from .console import print_error
+
+    arguments = build_parser().parse_args(argv)
+    console = Console(quiet=getattr(arguments, "quiet", False))
+    errors = Console(stderr=True)
+    try:
+        code: int = arguments.command(arguments, console)
+        return code
+    except (Cancelled, KeyboardInterrupt):
+        errors.print("Stopped. Nothing was written.", highlight=False)
+        return INTERRUPTED
+    except (Unwrap3DError, OSError) as error:
+        print_error(errors, error)
+        return WRONG_INPUT
+
+
+# Arguments -------------------------------------------------------------------
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The parser of the whole command line."""
+    parser = argparse.ArgumentParser(
+        prog="napari-unwrap3d",
+        description="Unwrap the surface of a cell: from a stack, a mask or a mesh to every chart.",
+    )
+    parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
+    _add_run(commands)
+    _add_info(commands)
+    _add_demo(commands)
+    _add_export(commands)
+    return parser
+
+
+def _add_run(commands: Any) -> None:
+    run = commands.add_parser(
+        "run",
+        help="unwrap a cell and write every chart",
+        description="Unwrap the cell in a stack, a mask or a mesh, and write meshes, images, "
+        "pictures, tables and the project into a folder.",
+    )
+    run.set_defaults(command=run_command)
+    run.add_argument("input", type=Path, help="stack (TIFF, OME-TIFF, OME-Zarr, HDF5) or mesh")
+    _add_reading(run)
+    _add_parameters(run)
+    run.add_argument("--channel", type=int, help="channel that shows the cell (from 0)")
+    run.add_argument("--timepoint", type=int, help="timepoint (from 0)")
+    run.add_argument("--label", type=int, help="the stack is a label image: the cell's label")
+    run.add_argument("--mask", action="store_true", help="the stack is a mask: not 0 is cell")
+    _add_output(run, None)
+
+
+def _add_info(commands: Any) -> None:
+    info = commands.add_parser(
+        "info",
+        help="what a file holds, or every parameter",
+        description="Say what is in a stack, a mesh or a project; or list every parameter.",
+    )
+    info.set_defaults(command=info_command)
+    info.add_argument("input", type=Path, nargs="?", help="stack, mesh or project")
+    info.add_argument("--parameters", action="store_true", help="list every parameter")
+    _add_reading(info)
+
+
+def _add_demo(commands: Any) -> None:
+    demo = commands.add_parser(
+        "demo",
+        help="the whole job on a simulated light-sheet cell",
+        description="Simulate a light-sheet stack of a cell, unwrap it, and write every chart.",
+    )
+    demo.set_defaults(command=demo_command)
+    demo.add_argument("--kind", default="blebs", help="kind of protrusions (default: blebs)")
+    demo.add_argument("--seed", type=int, default=0, help="which random cell (default: 0)")
+    demo.add_argument(
+        "--size", type=int, default=200, help="edge of the field of view in voxels (default: 200)"
+    )
+    demo.add_argument("--window", action="store_true", help="show the charts in napari")
+    _add_parameters(demo)
+    _add_output(demo, DEMO_OUTPUT)
+
+
+def _add_export(commands: Any) -> None:
+    export = commands.add_parser(
+        "export",
+        help="write the files of a saved project",
+        description="Write meshes, images, pictures and tables of a saved project.",
+    )
+    export.set_defaults(command=export_command)
+    export.add_argument("input", type=Path, help="project (*.unwrap3d)")
+    _add_output(export, None)
+
+
+def _add_reading(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument(
+        "--voxel-size", type=float, nargs=3, metavar=("Z", "Y", "X"), help="voxel size in µm"
+    )
+    parser.add_argument("--axes", help="axes of the stack, letters out of tczyx, e.g. tzyx")
+    parser.add_argument("--dataset", help="which dataset of an HDF5 file")
+
+
+def _add_parameters(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--preset", choices=sorted(PRESETS), help="the paper's values for a kind")
+    parser.add_argument("--params", type=Path, metavar="FILE", help="parameters in a TOML file")
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="STEP.NAME=VALUE",
+        help="one parameter, e.g. uv.rows=256; `info --parameters` lists them",
+    )
+
+
+def _add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
+    parser.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        default=default,
+        required=default is None,
+        metavar="FOLDER",
+        help="where to write" + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument("--overwrite", action="store_true", help="replace an earlier export")
+    parser.add_argument("--no-pictures", action="store_true", help="write no PNG pictures")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
+
+
+# Commands --------------------------------------------------------------------
+
+
+def run_command(arguments: argparse.Namespace, console: Console) -> int:
+    """``run``: unwrap and write."""
+    from .files.export import check_folder
+
+    check_folder(arguments.output, arguments.overwrite)
+    parameters = chosen_parameters(arguments)
+    source: Stack | Mask | Surface = read_input(arguments)
+    if arguments.mask and isinstance(source, Stack):
+        source = as_mask(source, parameters)
+    _unwrap_and_export(source, parameters, arguments, console)
+    return 0
+
+
+def info_command(arguments: argparse.Namespace, console: Console) -> int:
+    """``info``: what a file holds, or the parameters."""
+    from .console import print_pairs, print_parameters, print_quality, project_pairs
+    from .files.project import SUFFIX, read_summary
+    from .quality import quality_rows
+
+    if arguments.parameters:
+        print_parameters(console)
+        return 0
+    if arguments.input is None:
+        raise InputError("Nothing to look at.", hint="Name a file, or pass --parameters.")
+    path: Path = arguments.input
+    if path.suffix != SUFFIX:
+        print_pairs(console, path.name, described(arguments))
+        return 0
+    summary = read_summary(path)
+    print_pairs(console, path.name, project_pairs(summary))
+    print_quality(console, quality_rows(summary["quality"]))
+    return 0
+
+
+def demo_command(arguments: argparse.Namespace, console: Console) -> int:
+    """``demo``: simulate, unwrap, and write or show."""
+    from .files.export import PROJECT_NAME, check_folder
+    from .simulate import KINDS
+
+    if arguments.kind not in KINDS:
+        raise ParameterError(
+            f"There is no kind {arguments.kind!r}.", hint=f"Kinds: {', '.join(KINDS)}."
+        )
+    if arguments.output == DEMO_OUTPUT:
+        arguments.overwrite = True  # the folder is the demo's own
+    check_folder(arguments.output, arguments.overwrite)
+    parameters = chosen_parameters(arguments)
+    if arguments.window:
+        missing = missing_for_window()
+        if not missing:
+            from .viewer.demo import open_demo
+
+            arguments.output.mkdir(parents=True, exist_ok=True)
+            project = arguments.output / PROJECT_NAME
+            open_demo(arguments.kind, project, parameters, size=arguments.size)
+            return 0
+        console.print(f"{missing} The charts are written as files instead.", highlight=False)
+    source = simulated_stack(arguments.kind, arguments.seed, arguments.size)
+    _unwrap_and_export(source, parameters, arguments, console)
+    return 0
+
+
+def export_command(arguments: argparse.Namespace, console: Console) -> int:
+    """``export``: the files of a saved project."""
+    from .console import StepProgress, print_quality
+    from .files.export import check_folder, export_atlas
+    from .files.project import load_project
+    from .quality import quality_rows
+
+    check_folder(arguments.output, arguments.overwrite)
+    with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
+        atlas = load_project(arguments.input, progress.named("reading"))
+        export_atlas(
+            atlas,
+            arguments.output,
+            pictures=not arguments.no_pictures,
+            overwrite=arguments.overwrite,
+            progress=progress.named("files"),
+        )
+    print_quality(console, quality_rows(atlas.quality))
+    _print_where(arguments.output, console)
+    return 0
+
+
+def _unwrap_and_export(
+    source: Stack | Mask | Surface,
+    parameters: Parameters,
+    arguments: argparse.Namespace,
+    console: Console,
+) -> Atlas:
+    from .console import StepProgress, print_quality
+    from .files.export import export_atlas
+    from .pipeline import Pipeline
+    from .quality import quality_rows
+
+    with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
+        atlas = _named(Pipeline(source).run(parameters, progress), arguments)
+        export_atlas(
+            atlas,
+            arguments.output,
+            stack=source if isinstance(source, Stack) else None,
+            pictures=not arguments.no_pictures,
+            overwrite=arguments.overwrite,
+            progress=progress.named("files"),
+        )
+    for repair in atlas.provenance.get("repairs", ()):
+        console.print(f"Repaired: {repair}", markup=False, highlight=False)
+    print_quality(console, quality_rows(atlas.quality))
+    _print_where(arguments.output, console)
+    return atlas
+
+
+def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:
+    """The atlas with the name of the file in its provenance; masks and meshes have none."""
+    path = getattr(arguments, "input", None)
+    if path is None or atlas.provenance["source"]["name"]:
+        return atlas
+    named = {**atlas.provenance["source"], "name": path.name}
+    return replace(atlas, provenance={**atlas.provenance, "source": named})
+
+
+def _print_where(folder: Path, console: Console) -> None:
+    console.print(f"Written to {folder}", markup=False, highlight=False)
+
+
+@contextmanager
+def interruptible(progress: Progress) -> Iterator[Progress]:
+    """Make Ctrl-C cancel `progress`; a second Ctrl-C stops at once."""
+    if threading.current_thread() is not threading.main_thread():
+        yield progress
+        return
+
+    def interrupt(number: int, frame: Any) -> None:
+        if progress.cancelled.is_set():
+            raise KeyboardInterrupt
+        progress.cancel()
+
+    before = signal.signal(signal.SIGINT, interrupt)
+    try:
+        yield progress
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+# Input -----------------------------------------------------------------------
+
+
+def read_input(arguments: argparse.Namespace) -> Stack | Surface:
+    """Read a stack or a mesh, told apart by the suffix."""
+    from .files.meshes import MESH_SUFFIXES, read_mesh
+    from .files.project import SUFFIX
+
+    path: Path = arguments.input
+    if path.suffix == SUFFIX:
+        raise InputError(
+            f"{path.name!r} is a project: it has been unwrapped already.",
+            hint="`napari-unwrap3d export` writes its files, `info` shows its quality.",
+        )
+    if path.suffix.lower() in MESH_SUFFIXES:
+        return read_mesh(path)
+    return _read_stack(arguments)
+
+
+def _read_stack(arguments: argparse.Namespace) -> Stack:
+    from .files.stacks import read_stack
+
+    return read_stack(
+        arguments.input,
+        arguments.voxel_size,
+        axes=arguments.axes,
+        dataset=arguments.dataset,
+    )
+
+
+def as_mask(stack: Stack, parameters: Parameters) -> Mask:
+    """The chosen volume of a stack, taken as it is: not 0 is cell."""
+    import numpy as np
+
+    volume = stack.volume(parameters.stack.timepoint, parameters.stack.channel)
+    return Mask(np.asarray(volume) != 0, stack.voxel_size)
+
+
+def described(arguments: argparse.Namespace) -> dict[str, Any]:
+    """What a mesh or a stack is; also one that `run` would refuse as it stands."""
+    from .console import mesh_pairs, stack_pairs
+    from .files.meshes import MESH_SUFFIXES, read_mesh
+
+    if arguments.input.suffix.lower() in MESH_SUFFIXES:
+        return mesh_pairs(read_mesh(arguments.input, repaired=False))
+    try:
+        return stack_pairs(_read_stack(arguments))
+    except VoxelSizeMissingError as error:
+        arguments.voxel_size = (1.0, 1.0, 1.0)
+        pairs = stack_pairs(_read_stack(arguments))
+        pairs.pop("extent (z, y, x)")
+        return {**pairs, "voxel size (z, y, x)": f"{error.what} {error.hint}"}
+
+
+def simulated_stack(kind: str, seed: int, size: int) -> Stack:
+    """The light-sheet stack of a simulated cell."""
+    from .simulate import cell
+
+    return cell(kind=kind, seed=seed, size=size).stack
+
+
+def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
+    """Preset, then the file, then single options: the later ones win."""
+    values: dict[str, Any] = {}
+    if arguments.preset:
+        _merge(values, PRESETS[arguments.preset])
+    if arguments.params is not None:
+        _merge(values, Parameters.from_toml(arguments.params).model_dump(exclude_unset=True))
+    single = {
+        name: getattr(arguments, name)
+        for name in ("channel", "timepoint", "label")
+        if getattr(arguments, name, None) is not None
+    }
+    _merge(values, {"stack": single} if single else {})
+    for setting in arguments.set:
+        _merge(values, _parsed_setting(setting))
+    return Parameters.from_dict(values)
+
+
+def _merge(values: dict[str, Any], more: dict[str, Any]) -> None:
+    for step, group in more.items():
+        values[step] = {**values.get(step, {}), **group}
+
+
+def _parsed_setting(setting: str) -> dict[str, Any]:
+    name, equals, text = setting.partition("=")
+    step, dot, key = name.strip().partition(".")
+    if not (equals and dot and step and key):
+        raise ParameterError(
+            f"{setting!r} is no setting.", hint="Write STEP.NAME=VALUE, e.g. --set uv.rows=256."
+        )
+    return {step: {key: _parsed_value(text.strip())}}
+
+
+def _parsed_value(text: str) -> Any:
+    """A TOML value; a bare word is text; nothing and ``none`` mean empty."""
+    if text.lower() in ("", "none"):
+        return None
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+# The window ------------------------------------------------------------------
+
+
+def missing_for_window() -> str:
+    """Why no window can be opened, with the way out; empty when one can."""
+    if importlib.util.find_spec("napari") is None or importlib.util.find_spec("qtpy") is None:
+        return 'No window: napari is not installed (`pip install "napari-unwrap3d[all]"`).'
+    displays = ("DISPLAY", "WAYLAND_DISPLAY")
+    if sys.platform == "linux" and not any(os.environ.get(name) for name in displays):
+        return "No window: there is no display (DISPLAY is not set)."
+    return ""

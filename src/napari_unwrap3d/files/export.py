@@ -1,0 +1,257 @@
+"""Everything that an atlas gives, as files in one folder."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..charts import Stack, Volume
+from ..errors import InputError
+from ..progress import Progress, silent
+from .atomic import write_json, write_text
+from .meshes import write_mesh
+from .pictures import write_pictures
+from .project import save_project
+from .stacks import write_image
+from .tables import quality_rows, write_table
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+
+PROJECT_NAME = "cell.unwrap3d"
+
+# What an export may write: only these are removed from a folder that is used again.
+FOLDERS = ("meshes", "pictures")
+FILES = (
+    PROJECT_NAME,
+    "uv.ome.tif",
+    "topography.ome.tif",
+    "topography_layers.csv",
+    "quality.csv",
+    "quality.json",
+    "parameters.toml",
+    "provenance.json",
+)
+
+
+def export_atlas(
+    atlas: Atlas,
+    folder: str | Path,
+    *,
+    stack: Stack | None = None,
+    pictures: bool = True,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write meshes, images, the project, tables and pictures of an atlas.
+
+    Parameters
+    ----------
+    atlas : Atlas
+        Complete or not: what needs a missing chart is left out.
+    folder : path
+        New, empty, or with `overwrite` the folder of an earlier export. It changes only
+        when everything has been written.
+    stack : Stack, optional
+        Its channels are sampled into (d, u, v), beside the mask.
+    pictures : bool
+    overwrite : bool
+        Replace an earlier export. Other files in the folder are left alone.
+    progress : Progress, optional
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        The folder is not empty and `overwrite` is False.
+    """
+    report = progress if progress is not None else silent()
+    check_folder(folder, overwrite)
+    with replacing_folder(folder, FOLDERS + FILES) as partial:
+        _write_tables(atlas, partial)
+        _write_meshes(atlas, partial / "meshes", report.part(0.0, 0.1))
+        _write_images(atlas, partial, stack, report.part(0.1, 0.5))
+        save_project(atlas, partial / PROJECT_NAME, report.part(0.5, 0.75))
+        if pictures:
+            write_pictures(atlas, partial / "pictures", report.part(0.75, 1.0))
+        written = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        report(1.0, "files")
+    return [Path(folder) / path for path in written]
+
+
+def check_folder(folder: str | Path, overwrite: bool) -> None:
+    """Raise when an export to `folder` would be refused."""
+    folder = Path(folder)
+    if folder.exists() and not folder.is_dir():
+        raise InputError(f"{str(folder)!r} is a file, not a folder.", hint="Choose another output.")
+    if folder.is_dir() and not overwrite:
+        found = sum(1 for _ in folder.iterdir())
+        if found:
+            raise InputError(
+                f"The folder {str(folder)!r} is not empty.",
+                entries=found,
+                hint="Choose another folder, or pass --overwrite (overwrite=True) to replace an "
+                "earlier export in it.",
+            )
+
+
+@contextmanager
+def replacing_folder(folder: str | Path, names: tuple[str, ...] = ()) -> Iterator[Path]:
+    """Give a temporary folder inside `folder`; its content moves up at the end.
+
+    When the block raises, also through Ctrl-C, nothing has changed.
+
+    Parameters
+    ----------
+    folder : path
+        Made when it does not exist.
+    names : tuple of str
+        Entries of an earlier export: those that are not written anew are removed.
+    """
+    folder = Path(folder)
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    # Inside, not beside: the folder may be a mount of its own, across which nothing moves.
+    partial = Path(tempfile.mkdtemp(prefix=".unwrap3d-", suffix=".partial", dir=folder))
+    try:
+        yield partial
+        for name in {*names, *(entry.name for entry in partial.iterdir())}:
+            _remove(folder / name)
+        for entry in sorted(partial.iterdir()):
+            os.replace(entry, folder / entry.name)
+            made = False
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+        if made:
+            folder.rmdir()
+
+
+def _remove(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)
+
+
+# Parts -----------------------------------------------------------------------
+
+
+def _write_tables(atlas: Atlas, folder: Path) -> None:
+    write_table(folder / "quality.csv", quality_rows(atlas))
+    write_json(folder / "quality.json", atlas.quality)
+    write_json(folder / "provenance.json", atlas.provenance)
+    write_text(folder / "parameters.toml", atlas.parameters.to_toml())
+
+
+def _write_meshes(atlas: Atlas, folder: Path, report: Progress) -> None:
+    folder.mkdir()
+    for name in ("surface", "sealed", "reference", "sphere"):
+        report.check()
+        if atlas.has(name):
+            chart = getattr(atlas, name)
+            fields = atlas.reference.fields if name == "sphere" else chart.fields
+            write_mesh(folder / f"{name}.ply", chart.vertices, chart.faces, fields)
+    if atlas.has("sphere"):
+        sphere = atlas.sphere
+        write_mesh(
+            folder / "sphere_conformal.ply", sphere.conformal, sphere.faces, atlas.reference.fields
+        )
+    if atlas.has("topography"):
+        chart = atlas.topography
+        write_mesh(folder / "topographic_surface.ply", chart.meshed_vertices, chart.meshed_faces)
+        fields = {name: field[chart.cut_origin] for name, field in atlas.surface.fields.items()}
+        fields["surface_vertex"] = chart.cut_origin
+        write_mesh(
+            folder / "topographic_surface_duv.ply",
+            chart.cut_vertices,
+            chart.cut_faces,
+            fields,
+        )
+    report(1.0, "meshes")
+
+
+def _write_images(atlas: Atlas, folder: Path, stack: Stack | None, report: Progress) -> None:
+    if atlas.has("uv"):
+        fields = atlas.uv.fields
+        write_image(
+            folder / "uv.ome.tif",
+            np.stack([np.asarray(field, dtype=np.float32) for field in fields.values()]),
+            axes="cyx",
+            channels=tuple(fields),
+        )
+    report(0.1, "uv image")
+    if atlas.has("topography"):
+        chart = atlas.topography
+        names, volumes = topography_channels(atlas, stack, report.part(0.1, 0.8))
+        step = float(chart.d_um[1] - chart.d_um[0]) if len(chart.d_um) > 1 else 1.0
+        write_image(
+            folder / "topography.ome.tif",
+            volumes,
+            axes="czyx",
+            sizes={"z": step},
+            channels=names,
+        )
+        layers = ({"layer": i, "d_um": float(d)} for i, d in enumerate(chart.d_um))
+        write_table(folder / "topography_layers.csv", list(layers))
+    report(1.0, "topography image")
+
+
+def topography_channels(
+    atlas: Atlas, stack: Stack | None, report: Progress
+) -> tuple[tuple[str, ...], npt.NDArray[Any]]:
+    """The mask and the channels of a stack in (d, v, u).
+
+    Returns
+    -------
+    names : tuple of str
+        "mask" and the stack's channels.
+    volumes : ndarray, (c, D, N, 2N)
+        In the stack's type; uint8 without a stack.
+    """
+    chart = atlas.topography
+    if stack is None:
+        return ("mask",), chart.mask[None].view(np.uint8)
+    count = stack.shape[stack.axes.index("c")] if "c" in stack.axes else 1
+    kind = np.dtype(stack.data.dtype)
+    kind = kind if kind.kind in "u" and kind.itemsize <= 2 else np.dtype(np.float32)
+    names = stack.channels if len(stack.channels) == count else _numbered(count)
+    volumes = np.empty((count + 1, *chart.shape), dtype=kind)
+    volumes[0] = chart.mask
+    for channel in range(count):
+        report(channel / count, "sampling the stack")
+        volume = _around_topography(atlas, stack, channel)
+        values = np.asarray(atlas.carry(volume, "volume", "topography", kind="scalar"))
+        values = np.nan_to_num(values, nan=0.0)
+        if kind.kind == "u":
+            values = np.clip(np.rint(values), 0, np.iinfo(kind).max)
+        volumes[channel + 1] = values
+    return ("mask", *names), volumes
+
+
+def _numbered(count: int) -> tuple[str, ...]:
+    return ("intensity",) if count == 1 else tuple(f"channel {i}" for i in range(count))
+
+
+def _around_topography(atlas: Atlas, stack: Stack, channel: int) -> Volume:
+    """One channel, loaded only where the topography is."""
+    positions = atlas.topography.positions
+    data = stack.volume(atlas.parameters.stack.timepoint, channel)
+    size = np.asarray(stack.voxel_size)
+    low = np.floor(positions.min(axis=(0, 1, 2)) / size).astype(int) - 1
+    high = np.ceil(positions.max(axis=(0, 1, 2)) / size).astype(int) + 2
+    low, high = np.clip(low, 0, None), np.clip(high, 0, data.shape)
+    box = tuple(slice(int(a), int(b)) for a, b in zip(low, high, strict=True))
+    z, y, x = (float(c) for c in low * size)
+    return Volume(np.asarray(data[box]), stack.voxel_size, (z, y, x))
