@@ -1,0 +1,1 @@
+"""What the benchmarks share: cases, measures, child processes, and the file of results."""

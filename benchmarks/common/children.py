@@ -1,0 +1,50 @@
+"""A child process per case, with a time limit and one thread: one crash does not end a run."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+ONE_THREAD = (
+    "OMP_NUM_THREADS",
+    "OPENBLAS_NUM_THREADS",
+    "MKL_NUM_THREADS",
+    "NUMBA_NUM_THREADS",
+    "BLIS_NUM_THREADS",
+    "VECLIB_MAXIMUM_THREADS",
+)
+
+
+def run_child(script: str, *arguments: str, limit_s: float, core: int | None = None) -> Any:
+    """Run ``script --child ARGUMENTS FILE`` and return what it wrote into FILE as JSON.
+
+    Returns
+    -------
+    object or str
+        A string says why there is nothing: the time limit, or the last words of a crash.
+    """
+    environment = os.environ | dict.fromkeys(ONE_THREAD, "1")
+    with tempfile.TemporaryDirectory() as folder:
+        answer = Path(folder) / "answer.json"
+        command = [sys.executable, script, "--child", *arguments, str(answer)]
+        try:
+            child = subprocess.run(
+                command,
+                env=environment,
+                timeout=limit_s,
+                stderr=subprocess.PIPE,
+                text=True,
+                check=False,
+                preexec_fn=None if core is None else lambda: os.sched_setaffinity(0, {core}),
+            )
+        except subprocess.TimeoutExpired:
+            return f"stopped after the limit of {limit_s:.0f} s"
+        if child.returncode != 0 or not answer.exists():
+            words = child.stderr.strip().splitlines()[-1:] or ["no message"]
+            return f"ended with code {child.returncode}: {words[0]}"
+        return json.loads(answer.read_text(encoding="utf-8"))

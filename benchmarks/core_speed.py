@@ -1,0 +1,99 @@
+"""CPU seconds and peak memory from a bleb cell's mask to its topographic surface, one core.
+
+    .venv/bin/python benchmarks/core_speed.py
+
+The child is held to one core and one thread, its kernels are compiled on a tiny cell first,
+and the mask comes from a file, so that the peak is the pipeline's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+from common import results
+from common.cases import FULL, HALF, simulated
+from common.children import run_child
+from common.results import Bar, Entries
+
+import napari_unwrap3d as unwrap3d
+
+LIMIT_S = 1200.0
+CPU_BARS = {FULL: Bar(45.0, "CPU s"), HALF: Bar(20.0, "CPU s")}
+MEMORY_BAR = Bar(3.0, "GB")
+WARM_UP_ROWS = 32
+
+
+def tiny_cell() -> unwrap3d.Mask:
+    """A ball of radius 14 voxels with a bleb on it: every kernel runs in a second."""
+    z, y, x = np.indices((48, 48, 48)) - 24.0
+    ball = z**2 + y**2 + x**2 < 14.0**2
+    bleb = (z - 13.0) ** 2 + y**2 + x**2 < 6.0**2
+    return unwrap3d.Mask(ball | bleb, (0.1, 0.1, 0.1))
+
+
+def parameters(rows: int) -> unwrap3d.Parameters:
+    """The defaults on a grid of `rows` rows."""
+    return unwrap3d.Parameters.from_dict({"uv": {"rows": rows}})
+
+
+def run_once(mask_file: str, rows: int) -> dict[str, float]:
+    """CPU seconds, wall seconds and peak memory (GB) of one run in this process."""
+    with np.load(mask_file) as saved:
+        mask = unwrap3d.Mask(saved["mask"], tuple(saved["voxel_size"]))
+    unwrap3d.unwrap(tiny_cell(), parameters(WARM_UP_ROWS))
+    wall, cpu = time.perf_counter(), time.process_time()
+    atlas = unwrap3d.unwrap(mask, parameters(rows))
+    cpu, wall = time.process_time() - cpu, time.perf_counter() - wall
+    # Linux counts ru_maxrss in KiB, macOS in bytes.
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit
+    steps = {name: step["seconds"] for name, step in atlas.provenance["steps"].items()}
+    return {"cpu_s": cpu, "wall_s": wall, "peak_gb": peak / 1e9, "steps_s": steps}
+
+
+def measure(mask_file: str, rows: int, core: int) -> Entries:
+    """The entries of one grid."""
+    grid = f"{2 * rows}x{rows}"
+    found = run_child(__file__, mask_file, str(rows), limit_s=LIMIT_S, core=core)
+    if isinstance(found, str):
+        entries = {f"core/time/blebs-{grid}": CPU_BARS[rows].entry(None, note=found)}
+        if rows == FULL:
+            entries[f"core/memory/blebs-{grid}"] = MEMORY_BAR.entry(None, note=found)
+        return entries
+    more = {"wall_s": results.significant(found["wall_s"], 3), "steps_s": found["steps_s"]}
+    entries = {f"core/time/blebs-{grid}": CPU_BARS[rows].entry(found["cpu_s"], **more)}
+    if rows == FULL:
+        entries[f"core/memory/blebs-{grid}"] = MEMORY_BAR.entry(found["peak_gb"])
+    return entries
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        mask_file, rows, answer = options.child
+        found = run_once(mask_file, int(rows))
+        Path(answer).write_text(json.dumps(found), "utf-8")
+        return
+    core = max(os.sched_getaffinity(0))
+    mask = simulated("blebs", 0).truth.mask
+    with tempfile.TemporaryDirectory() as folder:
+        file = str(Path(folder) / "mask.npz")
+        np.savez(file, mask=mask.data, voxel_size=mask.voxel_size)
+        for rows in (FULL, HALF):
+            entries = measure(file, rows, core)
+            results.show(entries)
+            results.merge(entries)
+
+
+if __name__ == "__main__":
+    main()
