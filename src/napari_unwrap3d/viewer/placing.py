@@ -1,0 +1,119 @@
+"""Put layers into a viewer, or the new chart into the layer that showed the old one."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .layers import KEY, LayerData
+
+if TYPE_CHECKING:
+    from napari.components import ViewerModel
+    from napari.layers import Layer
+
+
+def chart_of(layer: Layer) -> str:
+    """The chart that a layer shows; empty for a layer that is not ours."""
+    return str(layer.metadata.get(KEY, {}).get("chart", ""))
+
+
+def place_layers(viewer: ViewerModel, layers: Collection[LayerData]) -> None:
+    """Do all of :func:`placing` at once."""
+    for _ in placing(viewer, layers):
+        pass
+
+
+def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None]:
+    """Show the layers of some charts, in place of what was shown of them before.
+
+    Yields after every layer: napari needs up to a tenth of a second for one, and the
+    caller can let the window breathe in between.
+
+    A layer that is there already keeps its position in the list, its colormap and,
+    if the user changed them, its visibility and contrast limits. What the charts no
+    longer have is removed. A new layer goes above its chart's other layers. A new chart
+    goes below the other charts: the viewer takes its axis labels from the topmost
+    volume or mesh, and with the charts in the order of the pipeline that is the
+    surface in (z, y, x).
+    """
+    new = {_name(attributes): (data, attributes, kind) for data, attributes, kind in layers}
+    charts = {attributes["metadata"][KEY]["chart"] for _, attributes, _ in layers}
+    for layer in [each for each in viewer.layers if chart_of(each) in charts]:
+        name = layer.metadata[KEY]["layer"]
+        if name in new:
+            data, attributes, _ = new.pop(name)
+            _update(layer, data, attributes)
+        else:
+            viewer.layers.remove(layer)
+        yield
+    for chart, group in _by_chart(new.values()).items():
+        for place, (data, attributes, kind) in enumerate(group, start=_place(viewer, chart)):
+            _insert(viewer, place, data, attributes, kind)
+            yield
+
+
+def remove_charts(viewer: ViewerModel) -> None:
+    """Take every chart out of the viewer."""
+    with viewer.layers.batched_update():
+        for layer in [each for each in viewer.layers if chart_of(each)]:
+            viewer.layers.remove(layer)
+
+
+def _by_chart(layers: Collection[LayerData]) -> dict[str, list[LayerData]]:
+    """Layers by chart, the chart that belongs on top first."""
+    groups: dict[str, list[LayerData]] = {}
+    for data, attributes, kind in layers:
+        groups.setdefault(attributes["metadata"][KEY]["chart"], []).append((data, attributes, kind))
+    return dict(reversed(groups.items()))
+
+
+def _place(viewer: ViewerModel, chart: str) -> int:
+    """Where the new layers of a chart go in the list."""
+    charts = [chart_of(layer) for layer in viewer.layers]
+    if chart in charts:
+        return len(charts) - charts[::-1].index(chart)
+    return next((index for index, each in enumerate(charts) if each), len(charts))
+
+
+def _name(attributes: dict[str, Any]) -> str:
+    return str(attributes["metadata"][KEY]["layer"])
+
+
+def _insert(
+    viewer: ViewerModel, place: int, data: Any, attributes: dict[str, Any], kind: str
+) -> None:
+    from napari.layers import Layer
+
+    layer = Layer.create(data, attributes, kind)
+    _remember(layer)
+    selected = set(viewer.layers.selection)
+    viewer.layers.insert(place, layer)
+    if selected:
+        viewer.layers.selection = selected
+
+
+def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
+    shown = layer.metadata[KEY]["shown"]
+    seen, limits = _seen(layer)
+    layer.data = data
+    for name in ("scale", "translate", "features", "size"):
+        if name in attributes:
+            setattr(layer, name, attributes[name])
+    layer.metadata = attributes["metadata"]
+    if seen == shown[0]:
+        layer.visible = attributes.get("visible", True)
+    if limits == shown[1] and "contrast_limits" in attributes:
+        layer.contrast_limits = attributes["contrast_limits"]
+    _remember(layer)
+
+
+def _seen(layer: Layer) -> tuple[bool, tuple[float, ...]]:
+    limits = getattr(layer, "contrast_limits", ())
+    return layer.visible, tuple(float(limit) for limit in np.ravel(limits))
+
+
+def _remember(layer: Layer) -> None:
+    """What we set, so that what the user changed is told from it."""
+    layer.metadata[KEY]["shown"] = _seen(layer)

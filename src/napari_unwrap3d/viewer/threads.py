@@ -1,0 +1,69 @@
+"""Work in a thread, and how its end comes back to the window.
+
+napari's ``thread_worker`` changes the process's warning filters while it runs, which
+are not made for threads: the window's own code then sees the wrong ones. A thread of
+our own leaves them alone.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+from napari.utils.notifications import notification_manager, show_error
+from qtpy.QtCore import QObject, Signal
+
+from ..errors import Unwrap3DError
+
+THREAD_NAME = "unwrap3d"
+
+
+class Task(QObject):
+    """A function that runs once in a thread of its own.
+
+    Signals
+    -------
+    returned(object)
+        What the function returned.
+    failed(object)
+        The exception that it raised.
+    """
+
+    returned = Signal(object)
+    failed = Signal(object)
+
+    def __init__(self, function: Callable[..., Any], *arguments: Any) -> None:
+        super().__init__()
+        self._function = function
+        self._arguments = arguments
+        self._ended = threading.Event()
+
+    def start(self) -> None:
+        """Start the thread."""
+        executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
+        future = executor.submit(self._function, *self._arguments)
+        future.add_done_callback(self._hand_over)
+        executor.shutdown(wait=False)
+
+    def wait(self, seconds: float) -> bool:
+        """Wait for the end; True when it came."""
+        return self._ended.wait(seconds)
+
+    def _hand_over(self, future: Future[Any]) -> None:
+        """Called in the thread; Qt delivers the signals in the window's."""
+        error = future.exception()
+        if error is None:
+            self.returned.emit(future.result())
+        else:
+            self.failed.emit(error)
+        self._ended.set()
+
+
+def tell(error: BaseException) -> None:
+    """Show an error to the user: ours in words, any other with its traceback to open."""
+    if isinstance(error, Unwrap3DError):
+        show_error(str(error))
+    else:
+        notification_manager.receive_error(type(error), error, error.__traceback__)

@@ -1,0 +1,132 @@
+"""A pipeline with the real one's interface that gives a round cell at once."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from napari_unwrap3d.atlas import Atlas
+from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.pipeline import STEP_NAMES, Kept
+from napari_unwrap3d.progress import Progress
+from synthetic import make_atlas
+
+
+class FakePipeline:
+    """Walks through the steps and remembers which of them it computed.
+
+    `behaviour` maps a step to what happens in it: an exception to raise, or a number
+    of seconds to take.
+    """
+
+    made: list[FakePipeline]
+    behaviour: dict[str, Any]
+    atlas: Atlas
+
+    def __init__(self, source: Any) -> None:
+        self.source = source
+        self.kept: dict[str, Kept] = {}
+        self.computed: list[list[str]] = []
+        self.threads: set[str] = set()
+        self.made.append(self)
+
+    def run(
+        self,
+        parameters: Parameters,
+        progress: Progress | Callable[..., None] | None = None,
+        until: str = "topography",
+    ) -> Atlas:
+        assert isinstance(progress, Progress)
+        self.computed.append([])
+        self.threads.add(threading.current_thread().name)
+        for step, key in self._wanted(parameters).items():
+            if step in self.kept and self.kept[step].key == key:
+                continue
+            self._compute(step, progress.named(step))
+            self.computed[-1].append(step)
+            chart = getattr(self.atlas, "mask" if step == "stack" else step)
+            self.kept[step] = Kept(key, chart, dict(self.atlas.quality.get(step, {})), 0.25)
+        return self.atlas
+
+    def state(self, parameters: Parameters) -> dict[str, str]:
+        states = {}
+        for step, key in self._wanted(parameters).items():
+            kept = self.kept.get(step)
+            states[step] = "missing" if kept is None else "done" if kept.key == key else "stale"
+        return states
+
+    @property
+    def results(self) -> dict[str, Any]:
+        return {step: kept.value for step, kept in self.kept.items()}
+
+    def _compute(self, step: str, progress: Progress) -> None:
+        what = self.behaviour.get(step, 0.0)
+        if isinstance(what, Exception):
+            raise what
+        stop = time.monotonic() + what
+        progress(0.0, f"computing {step}")
+        while time.monotonic() < stop:
+            progress(0.5, f"still computing {step}")
+            time.sleep(0.01)
+        progress(1.0)
+
+    @staticmethod
+    def _wanted(parameters: Parameters) -> dict[str, str]:
+        wanted, key = {}, ""
+        groups = parameters.model_dump()
+        for step in STEP_NAMES:
+            key += str(groups.get(step, ""))
+            wanted[step] = key
+        return wanted
+
+
+@pytest.fixture(scope="session")
+def round_cell() -> Atlas:
+    return make_atlas()
+
+
+@pytest.fixture
+def fake_pipeline(round_cell: Atlas, monkeypatch: pytest.MonkeyPatch) -> type[FakePipeline]:
+    """The class that stands in for the pipeline while a test runs."""
+
+    fields = {
+        name: round_cell.uv.fields[name]
+        for name in ("mean_curvature_per_um", "surface_mean_curvature_per_um")
+    }
+
+    class Pipeline(FakePipeline):
+        made: list[FakePipeline] = []  # noqa: RUF012 (one list per test is meant)
+        behaviour: dict[str, Any] = {}  # noqa: RUF012
+        # Fewer layers: napari needs long to add one.
+        atlas = replace(round_cell, uv=replace(round_cell.uv, fields=fields))
+
+    monkeypatch.setattr("napari_unwrap3d.viewer.computing.Pipeline", Pipeline)
+    return Pipeline
+
+
+@pytest.fixture
+def errors(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """What the user was told in notifications of errors."""
+    from napari.utils.notifications import notification_manager
+
+    told: list[str] = []
+
+    def remember(notification: Any) -> None:
+        told.append(str(notification.message))
+
+    monkeypatch.setattr(notification_manager, "dispatch", remember)
+    return told
+
+
+@pytest.fixture
+def stack() -> np.ndarray:
+    """A bright ball in noise, (z, y, x) uint8."""
+    z, y, x = np.ogrid[-1:1:16j, -1:1:24j, -1:1:24j]
+    noise = np.random.default_rng(0).integers(0, 20, (16, 24, 24))
+    return (200 * (z**2 + y**2 + x**2 < 0.5) + noise).astype(np.uint8)

@@ -1,0 +1,87 @@
+"""Charts are replaced in place; what the user set on a layer stays."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from napari.components import ViewerModel
+
+from napari_unwrap3d.atlas import Atlas
+from napari_unwrap3d.charts import Reference, Surface
+from napari_unwrap3d.viewer.layers import CURVATURE, Layout, atlas_charts, chart_layers
+from napari_unwrap3d.viewer.placing import place_layers, remove_charts
+
+
+@pytest.fixture
+def viewer() -> ViewerModel:
+    model = ViewerModel()
+    model.add_image(np.zeros((4, 5, 6)), name="stack")
+    return model
+
+
+def show(viewer: ViewerModel, atlas: Atlas, name: str, chart: object = None) -> None:
+    charts = atlas_charts(atlas)
+    if chart is not None:
+        charts[name] = chart
+    place_layers(viewer, chart_layers(name, charts, Layout.of(charts)))
+
+
+def test_later_charts_go_below_earlier_ones_and_above_the_stack(
+    viewer: ViewerModel, round_cell: Atlas
+) -> None:
+    for name in ("surface", "sealed", "uv"):
+        show(viewer, round_cell, name)
+    names = [layer.name for layer in viewer.layers]
+    assert names[0] == "stack"
+    assert names[-4:] == ["uv: mean curvature", "sealed surface", "sealed places", "surface"]
+    assert viewer.layers.selection.active.name == "stack"
+
+
+def test_a_chart_is_replaced_in_place(viewer: ViewerModel, round_cell: Atlas) -> None:
+    show(viewer, round_cell, "surface")
+    layer = viewer.layers["surface"]
+    layer.name = "my cell"
+    layer.visible = False
+    layer.colormap = "turbo"
+    half = len(round_cell.surface.vertices) // 2
+    old = round_cell.surface
+    faces = old.faces[(old.faces < half).all(axis=1)]
+    fields = {CURVATURE: 7 + np.arange(half, dtype=float)}
+    show(viewer, round_cell, "surface", Surface(old.vertices[:half], faces, fields))
+    assert viewer.layers["my cell"] is layer
+    assert len(viewer.layers) == 2
+    assert len(layer.data[0]) == half
+    assert len(layer.features) == half
+    assert not layer.visible
+    assert layer.colormap.name == "turbo"
+    assert layer.contrast_limits[1] > 7
+
+
+def test_contrast_limits_of_the_user_stay(viewer: ViewerModel, round_cell: Atlas) -> None:
+    show(viewer, round_cell, "reference")
+    layer = viewer.layers["reference"]
+    layer.contrast_limits = (0.0, 0.125)
+    old = round_cell.reference
+    curvature = np.full(len(old.vertices), 3.0)
+    show(
+        viewer, round_cell, "reference", Reference(old.vertices, old.faces, {CURVATURE: curvature})
+    )
+    assert layer.contrast_limits == [0.0, 0.125]
+
+
+def test_what_a_chart_no_longer_has_is_removed(viewer: ViewerModel, round_cell: Atlas) -> None:
+    show(viewer, round_cell, "sealed")
+    assert "sealed places" in viewer.layers
+    show(viewer, round_cell, "sealed", replace(round_cell.sealed, sealed=()))
+    assert "sealed places" not in viewer.layers
+    assert "sealed surface" in viewer.layers
+    show(viewer, round_cell, "sealed")
+    assert "sealed places" in viewer.layers
+
+
+def test_remove_charts_leaves_the_rest(viewer: ViewerModel, round_cell: Atlas) -> None:
+    show(viewer, round_cell, "uv")
+    remove_charts(viewer)
+    assert [layer.name for layer in viewer.layers] == ["stack"]
