@@ -125,7 +125,7 @@ def save_figure(figure: Figure, path: Path) -> Path:
     canvas: Any = FigureCanvasAgg(figure)
     canvas.draw()  # once; savefig would draw everything a second time for the layout
     image = np.asarray(canvas.buffer_rgba())[..., :3]
-    options: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 3}}
+    options: dict[str, Any] = {"metadata": {"Software": None}, "pil_kwargs": {"compress_level": 1}}
     with replacing(path) as partial:
         imsave(partial, np.ascontiguousarray(image), format="png", dpi=DPI, **options)
     return path
@@ -186,12 +186,14 @@ def mesh_panel(
     extent: Extent | None = None,
     pixels: int = 520,
     scale_bar_unit: str = "µm",
+    normals: Floats | None = None,
 ) -> None:
     """Draw a mesh coloured by `values` per vertex (n,) or per face (m,), shaded.
 
     Without values the mesh is grey. `scale_bar_unit` empty leaves the scale bar out.
+    `normals` are computed unless given.
     """
-    drawn = render(vertices, faces, view, pixels, extent)
+    drawn = render(vertices, faces, view, pixels, extent, normals)
     if values is None or colours is None:
         rgb = np.broadcast_to(np.asarray(PLAIN), (len(drawn.face), 3))
     elif len(values) == len(vertices):
@@ -211,22 +213,22 @@ def round_length(span: float) -> float:
 
 
 def scale_bar(axes: Axes, extent: Extent, unit: str = "µm") -> None:
-    """A black bar of a round length at the lower left."""
+    """A black bar of a round length at the lower left, under what is drawn."""
     left, right, bottom, top = extent
-    length = round_length(right - left)
-    x, y = left + 0.03 * (right - left), bottom - 0.02 * (bottom - top)
+    length, room = round_length(right - left), 0.03 * (right - left)
+    x, y = left + room, bottom + room
     axes.plot([x, x + length], [y, y], color=INK, linewidth=3, solid_capstyle="butt")
     axes.text(
-        x + length / 2,
-        y - 0.015 * (bottom - top),
+        x + length + 0.4 * room,
+        y,
         f"{length:g} {unit}",
-        ha="center",
-        va="bottom",
+        ha="left",
+        va="center",
         fontsize=10,
         color=INK,
     )
     axes.set_xlim(left, right)
-    axes.set_ylim(bottom, top)
+    axes.set_ylim(bottom + 2 * room, top)
 
 
 # Images --------------------------------------------------------------------------

@@ -109,12 +109,12 @@ def flat_surface(atlas: Atlas, figure: Any, axes: Axes, pixel: float) -> None:
     cosine, sine = math.cos(tilt), math.sin(tilt)
     view = np.array([[cosine, -sine, 0.0], [sine, cosine, 0.0], [0.0, 0.0, 1.0]])
     down = vertices @ view[1]
-    room = 0.02 * columns * pixel  # for the scale bar
+    room = 0.01 * columns * pixel
     extent = (
         -0.5 * pixel,
         (columns - 0.5) * pixel,
-        float(down.max()) + 2.5 * room,
-        float(down.min()) - 0.5 * room,
+        float(down.max()) + room,
+        float(down.min()) - room,
     )
     mesh_panel(axes, vertices, faces, values, colours, view, extent, pixels=1100)
     axes.set_title(

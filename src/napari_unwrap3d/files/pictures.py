@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from ..charts import Floats
 from ..geometry.distortion import area_distortion, conformal_error
-from ..geometry.mesh import face_areas
+from ..geometry.mesh import face_areas, vertex_normals
 from ..progress import Progress, silent
 from .drawing import (
     ACCENT,
@@ -103,13 +103,15 @@ def draw_reference(atlas: Atlas) -> Figure:
 
 
 def _three_sides(chart: Any, title: str, subtitle: str, beside: Sequence[Floats] = ()) -> Figure:
-    figure = new_figure(13.0, 5.0, title, subtitle)
+    figure = new_figure(13.0, 5.3, title, subtitle)
     panels = figure.subplots(1, 3)
     values = curvature_field(chart)
     colours = curvature_colours(values) if values is not None else None
     extents = common_extents(np.concatenate([chart.vertices, *beside]), list(SIDES))
+    mesh = chart.vertices, chart.faces, values, colours
+    normals = vertex_normals(chart.vertices, chart.faces)
     for axes, side, extent in zip(panels, SIDES, extents, strict=True):
-        mesh_panel(axes, chart.vertices, chart.faces, values, colours, side, extent)
+        mesh_panel(axes, *mesh, side, extent, normals=normals)
         axes.set_title(f"seen along {side}", fontsize=12, color=INK)
     if colours is not None:
         colour_bar(figure, colours, list(panels))
@@ -149,22 +151,14 @@ def draw_sphere(atlas: Atlas) -> Figure:
     axis = atlas.uv.rotation if atlas.has("uv") else np.eye(3)
     front, back = front_and_back(axis)
     for column, (name, vertices) in enumerate(states.items()):
+        rows = ((panels[0], curvature, bent), (panels[1], distortion[name], spread))
         for offset, (view, side) in enumerate(((front, "front"), (back, "back"))):
-            top, below = panels[:, 2 * column + offset]
-            mesh_panel(
-                top, vertices, sphere.faces, curvature, bent, view, pixels=340, scale_bar_unit=""
-            )
-            mesh_panel(
-                below,
-                vertices,
-                sphere.faces,
-                distortion[name],
-                spread,
-                view,
-                pixels=340,
-                scale_bar_unit="",
-            )
-            top.set_title(f"{name}\n{side}", fontsize=12, color=INK)
+            for row, values, colours in rows:
+                mesh = vertices, sphere.faces, values, colours
+                axes = row[2 * column + offset]
+                # On the unit sphere the normals are the vertices.
+                mesh_panel(axes, *mesh, view, pixels=340, scale_bar_unit="", normals=vertices)
+            panels[0, 2 * column + offset].set_title(f"{name}\n{side}", fontsize=12, color=INK)
     if bent is not None:
         colour_bar(figure, bent, list(panels[0]))
     colour_bar(figure, spread, list(panels[1]))
@@ -297,52 +291,42 @@ def draw_topography(atlas: Atlas) -> Figure:
 
 def draw_reference_stop(atlas: Atlas) -> Figure:
     """Total |K| over the iterations of the flow, and where it was stopped."""
+    from matplotlib.ticker import LogLocator
+
     chart = atlas.reference
     curve = np.asarray(chart.total_curvature, dtype=float)
-    figure = new_figure(8.0, 4.6, "Reference: where the smoothing was stopped")
+    figure = new_figure(8.0, 4.8, "Reference: where the smoothing was stopped")
     axes = figure.subplots()
     axes.plot(np.arange(len(curve)), curve, "-o", color=INK, markersize=4, linewidth=1.5)
-    axes.axhline(1.0, color="#777777", linewidth=1, linestyle=":")
-    axes.text(
-        0.99,
-        1.0,
-        "convex",
-        transform=axes.get_yaxis_transform(),
-        ha="right",
-        va="bottom",
-        fontsize=10,
-        color="#555555",
-    )
+    lines = [(1.0, "#777777", "1 = convex")]
     if chart.stopped_by == "total_curvature":
         limit = atlas.parameters.reference.curvature_limit
-        axes.axhline(limit, color=ACCENT, linewidth=1, linestyle="--")
-        axes.text(
-            0.99,
-            limit,
-            f"limit {limit:g}",
-            transform=axes.get_yaxis_transform(),
-            ha="right",
-            va="bottom",
-            fontsize=10,
-            color=ACCENT,
-        )
+        lines.append((limit, ACCENT, f"limit {limit:g}"))
+    for level, colour, text in lines:
+        axes.axhline(level, color=colour, linewidth=1, linestyle="--")
+        across = axes.get_yaxis_transform()
+        axes.text(0.01, level, text, fontsize=10, color=colour, transform=across, va="bottom")
     if 0 <= chart.iteration < len(curve):
         at = curve[chart.iteration]
         axes.plot([chart.iteration], [at], "o", color=ACCENT, markersize=11, zorder=3)
         axes.annotate(
             f"iteration {chart.iteration}\ntotal |K| / 4π = {at:.2f}",
             (chart.iteration, at),
-            xytext=(14, 26),
+            xytext=(0, 34),
             textcoords="offset points",
             fontsize=11,
             color=ACCENT,
+            ha="right" if chart.iteration > len(curve) / 2 else "left",
         )
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("")
     axes.locator_params(axis="x", integer=True)
     axes.set_xlabel("iteration of the smoothing flow (cMCF)", fontsize=11)
     axes.set_ylabel("total |K| / 4π", fontsize=11)
-    axes.set_title(
-        f"stopped by: {chart.stopped_by or 'not recorded'}", fontsize=11, color="#555555"
-    )
+    rule = (chart.stopped_by or "not recorded").replace("_", " ")
+    axes.set_title(f"stopped by: {rule}", fontsize=11, color="#555555")
     axes.spines[["top", "right"]].set_visible(False)
     return figure
 

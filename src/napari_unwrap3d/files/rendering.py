@@ -83,6 +83,7 @@ def render(
     view: npt.NDArray[Any] | str = "z",
     pixels: int = 600,
     extent: tuple[float, float, float, float] | None = None,
+    normals: Floats | None = None,
 ) -> Rendering:
     """Project a mesh and find what is seen at each pixel.
 
@@ -97,6 +98,8 @@ def render(
         The longer side of the final image; it is computed at twice that.
     extent : (left, right, bottom, top), optional
         What to show; by default all of the mesh with a narrow margin.
+    normals : ndarray, (n, 3), optional
+        Unit normals of the vertices, where they are known already.
 
     Returns
     -------
@@ -122,7 +125,8 @@ def render(
     found, weight = face[where], weights[where]
     corners = faces[found]
     # Brightness is interpolated between the vertices, as Gouraud did.
-    towards = vertex_normals(vertices, faces) @ (rotation.T @ LIGHT)
+    normals = vertex_normals(vertices, faces) if normals is None else normals
+    towards = normals @ (rotation.T @ LIGHT)
     shade = np.clip(_interpolate(towards.astype(np.float32), corners, weight), 0.0, 1.0)
     return Rendering(where, corners, found, weight, shade, extent)
 

@@ -389,6 +389,7 @@ def write_image(
             bigtiff=array.nbytes > 2**31,
             photometric="minisblack",
             compression="zlib",
+            compressionargs={"level": 1},  # four times faster than 6, a tenth larger
             metadata=metadata,
         )
     return path
