@@ -13,9 +13,9 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Columns are shifted by an irrational-looking fraction of a voxel so that none of them
-# passes exactly through an edge or a vertex.
-COLUMN_SHIFT = (1.2345e-4, 2.3456e-4)
+# The mesh is shifted by an irrational-looking fraction of a voxel, so that no column passes
+# exactly through an edge or a vertex, and no flat face exactly through voxel centres.
+SHIFT = (1.2345e-4, 2.3456e-4, 3.4567e-4)
 
 
 def winding_number(
@@ -37,8 +37,7 @@ def winding_number(
     ndarray, `shape`, int16
         1 inside a simple closed mesh, 0 outside; other values where it overlaps itself.
     """
-    points = np.array(vertices, dtype=np.float64)
-    points[:, :2] += COLUMN_SHIFT
+    points = np.asarray(vertices, dtype=np.float64) + SHIFT
     corners = points[np.asarray(faces)]
     face, row, column = _covered_columns(corners[:, :, :2], shape)
     a, b, c = corners[face, 0], corners[face, 1], corners[face, 2]
