@@ -15,35 +15,39 @@ Ints = npt.NDArray[np.int64]
 
 
 def singular_values(source: Floats, target: Floats, faces: Ints) -> tuple[Floats, Floats]:
-    """Larger and smaller singular value (m,) of the linear map of every face."""
-    p = _flatten(source, faces)
-    q = _flatten(target, faces)
-    # J maps the source's edges (columns (p00, 0), (p10, p11)) to the target's.
-    p00, p10, p11 = p
-    j00 = q[0] / p00
-    j01 = (q[1] - j00 * p10) / p11
-    j11 = q[2] / p11
-    half_trace = 0.5 * (j00**2 + j01**2 + j11**2)
-    root = np.sqrt(np.maximum(half_trace**2 - (j00 * j11) ** 2, 0.0))
-    larger = np.sqrt(half_trace + root)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        smaller = np.where(larger > 0, j00 * j11 / larger, 0.0)
-    return larger, smaller
+    """Larger and smaller singular value (m,) of the linear map of every face.
 
-
-def _flatten(vertices: Floats, faces: Ints) -> tuple[Floats, Floats, Floats]:
-    """Corners B = (b, 0) and C = (c, h) of every face laid into a plane with A at 0."""
-    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
-    u, v = b - a, c - a
+    A target that is collapsed to a line has a smaller value of 0, to a point two of them.
+    """
+    u, v = _edges(source, faces)
     base = np.maximum(np.linalg.norm(u, axis=1), 1e-300)
+    along = np.einsum("ij,ij->i", u, v) / base
     height = np.maximum(np.linalg.norm(np.cross(u, v), axis=1) / base, 1e-300)
-    return base, np.einsum("ij,ij->i", u, v) / base, height
+    # Images of the unit vectors along the source's first edge and across it, in its plane.
+    first, second = _edges(target, faces)
+    first = first / base[:, None]
+    second = (second - along[:, None] * first) / height[:, None]
+    half_trace = 0.5 * np.einsum("ij,ij->i", first, first)
+    half_trace += 0.5 * np.einsum("ij,ij->i", second, second)
+    determinant = np.linalg.norm(np.cross(first, second), axis=1)
+    root = np.sqrt(np.maximum(half_trace**2 - determinant**2, 0.0))
+    larger = np.sqrt(half_trace + root)
+    return larger, determinant / np.maximum(larger, 1e-300)
+
+
+def _edges(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Vectors from the first corner of every face to the second and to the third."""
+    first = vertices[faces[:, 0]]
+    return vertices[faces[:, 1]] - first, vertices[faces[:, 2]] - first
 
 
 def conformal_error(source: Floats, target: Floats, faces: Ints) -> Floats:
-    """Q (m,) of every face: the ratio of the singular values, 1 where angles are kept."""
+    """Q (m,) of every face: the ratio of the singular values, 1 where angles are kept.
+
+    Infinite where a face is collapsed to a point.
+    """
     larger, smaller = singular_values(source, target, faces)
-    error: Floats = larger / np.maximum(smaller, 1e-300)
+    error: Floats = np.where(larger > 0, larger / np.maximum(smaller, 1e-300), np.inf)
     return error
 
 
