@@ -114,7 +114,7 @@ def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-unt
             c1 = m[1, 3] * m[2, 1] - m[1, 1] * m[2, 3]
             c2 = m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1]
             det = m[0, 1] * c0 + m[0, 2] * c1 + m[0, 3] * c2
-            if abs(det) < 1e-18:
+            if det == 0.0:
                 # At a pole u does nothing: step aside and try again.
                 r += 1e-3 if r < 0.5 * rows else -1e-3
                 u += 0.37 * columns
@@ -179,6 +179,7 @@ def count_folded(nodes, reached):  # type: ignore[no-untyped-def]
                             p[i, j, 0, k] = nodes[a + i, b + j, c, k]
                             p[i, j, 1, k] = nodes[a + i, b + j, e, k]
                 lowest = 1e300
+                bad = False
                 for j in range(2):
                     if (b == 0 and j == 0) or (b == rows - 2 and j == 1):
                         continue
@@ -198,12 +199,15 @@ def count_folded(nodes, reached):  # type: ignore[no-untyped-def]
                                 + d1 * (u2 * v0 - u0 * v2)
                                 + d2 * (u0 * v1 - u1 * v0)
                             )
+                            # Not the other way round: NaN is folded, too.
+                            if not det > 0:
+                                bad = True
                             if det < lowest:
                                 lowest = det
                             total += det
                 cells += 1
                 if lowest < smallest:
                     smallest = lowest
-                if not lowest > 0:
+                if bad:
                     folded += 1
     return folded, cells, smallest, total / max(8 * cells, 1)
