@@ -59,7 +59,8 @@ def _squares() -> npt.NDArray[np.int64]:
 
 def _cubes() -> npt.NDArray[np.int64]:
     """The 8 cubes with the centre: three face neighbours, the edge neighbour opposite to
-    each of them, and the corner opposite to the centre."""
+    each of them, and the corner opposite to the centre.
+    """
     rows = []
     for s in (-1, 1):
         for t in (-1, 1):
@@ -175,7 +176,7 @@ def _stays_well_composed(code, new):  # type: ignore[no-untyped-def]
 
 @numba.njit(nogil=True, cache=True)
 def _has_neighbor(values, i, offsets, face_offsets, new):  # type: ignore[no-untyped-def]
-    for k in face_offsets:
+    for k in face_offsets:  # noqa: SIM110 (numba compiles no generators)
         if values[i + offsets[k]] == new:
             return True
     return False
