@@ -1,0 +1,161 @@
+"""The curvilinear grid, on a spherical shell whose coordinates are known."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from napari_unwrap3d.geometry.curvilinear import (
+    count_folded,
+    evaluate,
+    invert,
+    rows_from_v,
+    v_from_rows,
+)
+from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
+from shapes import directions
+
+ROWS, LAYERS, INNER, STEP = 32, 11, 10.0, 0.5
+
+
+def shell() -> np.ndarray:
+    """Nodes (LAYERS, ROWS + 2, 2 ROWS, 3) between the radii 10 and 15."""
+    around = uv_to_direction(pixel_grid(ROWS).reshape(-1, 2), ROWS).reshape(ROWS, -1, 3)
+    pole = np.broadcast_to([1.0, 0.0, 0.0], (1, 2 * ROWS, 3))
+    unit = np.concatenate([pole, around, -pole])
+    radius = INNER + STEP * np.arange(LAYERS)
+    return (radius[:, None, None, None] * unit).astype(np.float32)
+
+
+NODES = shell()
+ALL = np.zeros(NODES.shape[1:3], np.int64)
+
+
+def grid_points(count: int, seed: int = 0) -> np.ndarray:
+    high = [LAYERS - 1, ROWS + 1, 2 * ROWS]
+    return np.random.default_rng(seed).uniform(0, high, (count, 3))
+
+
+@given(v=st.floats(-0.5, 31.5))
+def test_rows_and_pixels_are_inverse(v: float) -> None:
+    row = rows_from_v(np.array([v]), 32)
+    assert 0 <= row[0] <= 33
+    np.testing.assert_allclose(v_from_rows(row, 32), [v], atol=1e-12)
+
+
+def test_rows_by_hand() -> None:
+    v = np.array([-0.5, 0, 0.5, 31, 31.5])
+    np.testing.assert_allclose(rows_from_v(v, 32), [0, 1, 1.5, 32, 33])
+
+
+def test_evaluation_at_nodes_is_exact() -> None:
+    index = np.stack(np.indices(NODES.shape[:3]), axis=-1).reshape(-1, 3).astype(float)
+    np.testing.assert_array_equal(evaluate(NODES, index), NODES.reshape(-1, 3))
+    turned = index + np.array([0, 0, 2 * ROWS])
+    np.testing.assert_array_equal(evaluate(NODES, turned), NODES.reshape(-1, 3))
+
+
+def test_evaluation_is_close_to_the_shell_also_at_seam_and_poles() -> None:
+    points = grid_points(2000)
+    points[:300, 2] = np.random.default_rng(1).uniform(2 * ROWS - 1, 2 * ROWS, 300)
+    points[300:600, 1] = np.random.default_rng(2).uniform(0, 1, 300)
+    radius = INNER + STEP * points[:, 0]
+    v = v_from_rows(points[:, 1], ROWS)
+    expected = radius[:, None] * uv_to_direction(np.stack([v, points[:, 2]], axis=1), ROWS)
+    assert np.linalg.norm(evaluate(NODES, points) - expected, axis=1).max() < 0.04
+
+
+def test_at_the_pole_the_column_does_not_matter() -> None:
+    columns = np.linspace(0, 2 * ROWS, 50)
+    points = np.column_stack([np.full(50, 3.3), np.zeros(50), columns])
+    assert np.ptp(evaluate(NODES, points), axis=0).max() < 1e-6
+
+
+@pytest.mark.parametrize("region", ["anywhere", "seam", "north", "south"])
+def test_inversion_brings_every_point_back(region: str) -> None:
+    points = grid_points(3000, 1)
+    rng = np.random.default_rng(3)
+    if region == "seam":
+        points[:, 2] = rng.uniform(-1, 1, 3000)
+    if region == "north":
+        points[:, 1] = rng.uniform(0, 1, 3000) ** 3
+    if region == "south":
+        points[:, 1] = ROWS + 1 - rng.uniform(0, 1, 3000) ** 3
+    world = evaluate(NODES, points)
+    start = points + rng.normal(size=points.shape) * [2, 1, 1]
+    found, residual = invert(NODES, world, start, 60, 1e-10)
+    arrived = residual < 1e-9
+    assert arrived.mean() > 0.998  # from a single start
+    np.testing.assert_allclose(evaluate(NODES, found)[arrived], world[arrived], atol=1e-9)
+    # Away from the poles the coordinates themselves come back, whole turns apart.
+    inside = arrived & (points[:, 1] > 0.5) & (points[:, 1] < ROWS + 0.5)
+    turn = np.mod(found[inside, 2] - points[inside, 2] + ROWS, 2 * ROWS) - ROWS
+    np.testing.assert_allclose(found[inside, :2], points[inside, :2], atol=1e-6)
+    np.testing.assert_allclose(turn, 0.0, atol=1e-6)
+
+
+def test_inversion_finds_the_pole_itself() -> None:
+    world = np.array([[12.0, 0, 0], [-12.0, 0, 0]])
+    start = np.array([[5.0, 1.5, 40.0], [5.0, ROWS - 0.5, 3.0]])
+    found, residual = invert(NODES, world, start, 60, 1e-8)
+    assert residual.max() < 1e-8
+    np.testing.assert_allclose(found[:, 0], 4.0, atol=1e-6)
+    np.testing.assert_allclose(found[:, 1], [0, ROWS + 1], atol=1e-5)
+
+
+def test_points_outside_are_not_found_but_measured() -> None:
+    world = 17.0 * directions(20)
+    start = np.tile([[5.0, 16.0, 20.0]], (20, 1))
+    _, residual = invert(NODES, world, start, 60, 1e-8)
+    assert (residual > 1.9).all()
+
+
+def test_inversion_does_not_depend_on_the_scale() -> None:
+    points = grid_points(300)
+    points[:100, 1] = np.random.default_rng(4).uniform(0, 1e-2, 100)
+    for scale in (1e-7, 1e-3, 1e4):
+        nodes = (NODES * scale).astype(np.float32)
+        world = evaluate(nodes, points)
+        _, residual = invert(nodes, world, points + 0.3, 60, 1e-9 * scale)
+        assert residual.max() < 1e-6 * scale
+
+
+def test_a_shell_has_no_folded_cell() -> None:
+    folded, cells, smallest, mean = count_folded(NODES, ALL)
+    assert folded == 0
+    assert cells == (LAYERS - 1) * (ROWS + 1) * 2 * ROWS
+    assert 0 < smallest < mean
+
+
+def test_swapped_nodes_are_noticed() -> None:
+    nodes = NODES.copy()
+    nodes[5, [10, 11], 20] = nodes[5, [11, 10], 20]
+    folded, *_ = count_folded(nodes, ALL)
+    assert 2 <= folded <= 24
+    layers = NODES.copy()
+    layers[[4, 5], 7, 0] = layers[[5, 4], 7, 0]  # on the seam
+    assert count_folded(layers, ALL)[0] >= 4
+
+
+def test_a_mirrored_or_inverted_grid_is_folded_everywhere() -> None:
+    folded, cells, *_ = count_folded(np.ascontiguousarray(NODES[:, :, ::-1]), ALL)
+    assert folded == cells
+    folded, cells, *_ = count_folded(np.ascontiguousarray(NODES[::-1]), ALL)
+    assert folded == cells
+
+
+def test_nan_counts_as_folded() -> None:
+    nodes = NODES.copy()
+    nodes[5, 10, 20] = np.nan
+    assert count_folded(nodes, ALL)[0] == 8
+
+
+def test_cells_below_the_end_of_a_streamline_are_none() -> None:
+    nodes = NODES.copy()
+    nodes[:4, 10, 20] = nodes[4, 10, 20]  # this column ends at layer 4
+    assert count_folded(nodes, ALL)[0] == 4 * 4
+    reached = ALL.copy()
+    reached[10, 20] = 4
+    folded, cells, *_ = count_folded(nodes, reached)
+    assert folded == 0
+    assert cells == (LAYERS - 1) * (ROWS + 1) * 2 * ROWS - 4 * 4

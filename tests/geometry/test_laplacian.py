@@ -1,0 +1,131 @@
+"""Laplacian and mass against identities and libigl, and the solvers against their equations."""
+
+import igl
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+
+from napari_unwrap3d.geometry.laplacian import (
+    Factor,
+    conjugate_gradient,
+    cotangent_laplacian,
+    faces_to_vertices,
+    laplacian_from_weights,
+    vertex_mass,
+)
+from napari_unwrap3d.geometry.mesh import face_areas
+from shapes import icosphere, lumpy, rotation, torus_mesh
+
+MESHES = {"lumpy": lumpy(3), "torus": torus_mesh(), "sphere": icosphere(2)}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_laplacian_is_libigls(name: str) -> None:
+    vertices, faces = MESHES[name]
+    expected = sparse.csr_array(igl.cotmatrix(vertices, faces))
+    difference = cotangent_laplacian(vertices, faces) - expected
+    assert np.abs(difference.toarray()).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_symmetric_with_rows_that_sum_to_zero_and_no_positive_energy(name: str) -> None:
+    vertices, faces = MESHES[name]
+    laplacian = cotangent_laplacian(vertices, faces)
+    assert abs(laplacian - laplacian.T).max() < 1e-12
+    assert np.abs(laplacian.sum(axis=1)).max() < 1e-11
+    for seed in range(5):
+        f = np.random.default_rng(seed).normal(size=len(vertices))
+        assert f @ (laplacian @ f) < 0
+
+
+def test_neither_rotation_nor_scale_changes_it() -> None:
+    vertices, faces = MESHES["lumpy"]
+    moved = 3.7 * vertices @ rotation(1).T + 5
+    difference = cotangent_laplacian(moved, faces) - cotangent_laplacian(vertices, faces)
+    assert abs(difference).max() < 1e-9
+
+
+def test_linear_functions_are_harmonic_inside_a_flat_mesh() -> None:
+    """Linear precision: on an irregular plane the Laplacian of a linear function is zero."""
+    from scipy.spatial import Delaunay
+
+    flat = np.random.default_rng(0).random((200, 2))
+    faces = Delaunay(flat).simplices.astype(np.int64)
+    vertices = np.column_stack([flat, np.zeros(len(flat))]) @ rotation(2).T
+    values = flat @ [2.0, -3.0] + 1.0
+    residual = cotangent_laplacian(vertices, faces) @ values
+    border = np.unique(np.concatenate(igl.boundary_loop_all(faces)))
+    inside = np.setdiff1d(np.arange(len(flat)), border)
+    assert np.abs(residual[inside]).max() < 1e-9
+    assert np.abs(residual[border]).max() > 0.1
+
+
+def test_the_gradient_energy_of_a_coordinate_of_the_sphere() -> None:
+    """∫|∇z|² over the unit sphere is 8π/3."""
+    vertices, faces = icosphere(4)
+    z = vertices[:, 0]
+    energy = -z @ (cotangent_laplacian(vertices, faces) @ z)
+    assert energy == pytest.approx(8 * np.pi / 3, rel=0.005)
+
+
+def test_a_collapsed_triangle_gives_large_but_finite_weights() -> None:
+    vertices, faces = icosphere(1)
+    vertices[faces[0, 0]] = vertices[faces[0, 1]]
+    laplacian = cotangent_laplacian(vertices, faces)
+    assert np.isfinite(laplacian.data).all()
+    assert np.abs(laplacian.sum(axis=1)).max() < 1e-3 * abs(laplacian).max()
+
+
+def test_uniform_weights_count_the_neighbours() -> None:
+    _, faces = icosphere(1)
+    laplacian = laplacian_from_weights(np.full(faces.shape, 0.5), faces, faces.max() + 1)
+    valence = np.bincount(faces.ravel())
+    np.testing.assert_allclose(-laplacian.diagonal(), valence)
+    assert set(np.unique(laplacian.toarray() - np.diag(laplacian.diagonal()))) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_the_mass_sums_to_the_area(name: str) -> None:
+    vertices, faces = MESHES[name]
+    mass = vertex_mass(vertices, faces)
+    assert mass.sum() == pytest.approx(face_areas(vertices, faces).sum(), rel=1e-12)
+    expected = igl.massmatrix(vertices, faces, igl.MASSMATRIX_TYPE_BARYCENTRIC).diagonal()
+    np.testing.assert_allclose(mass, expected, rtol=1e-9)
+
+
+def test_sums_over_faces_are_conserved_for_scalars_and_vectors() -> None:
+    _, faces = MESHES["torus"]
+    values = np.random.default_rng(0).normal(size=(len(faces), 4))
+    n = faces.max() + 3  # two vertices without faces
+    summed = faces_to_vertices(values, faces, n)
+    np.testing.assert_allclose(summed.sum(axis=0), 3 * values.sum(axis=0))
+    np.testing.assert_allclose(summed[:, 2], faces_to_vertices(values[:, 2], faces, n))
+    assert (summed[-2:] == 0).all()
+
+
+def system(delta: float = 1e-3) -> sparse.csr_array:
+    vertices, faces = MESHES["lumpy"]
+    mass = sparse.diags_array(vertex_mass(vertices, faces))
+    return sparse.csr_array(mass - delta * cotangent_laplacian(vertices, faces))
+
+
+def test_the_factor_solves_one_or_several_right_sides() -> None:
+    matrix = system()
+    expected = np.random.default_rng(0).normal(size=(matrix.shape[0], 3))
+    factor = Factor(matrix)
+    np.testing.assert_allclose(factor.solve(matrix @ expected), expected, atol=1e-9)
+    np.testing.assert_allclose(factor.solve(matrix @ expected[:, 0]), expected[:, 0], atol=1e-9)
+
+
+def test_an_old_factor_preconditions_a_changed_system() -> None:
+    old, new = system(1e-3), system(2e-3)
+    expected = np.random.default_rng(0).normal(size=(new.shape[0], 3))
+    right = new @ expected
+    solution, solved = conjugate_gradient(new, right, Factor(old), tolerance=1e-10, iterations=40)
+    assert solved
+    assert np.abs(new @ solution - right).max() < 1e-10 * np.abs(right).max()
+    _, solved = conjugate_gradient(new, right, Factor(old), tolerance=1e-10, iterations=2)
+    assert not solved
+    exact, solved = conjugate_gradient(new, right, Factor(new), tolerance=1e-9, iterations=0)
+    assert solved
+    np.testing.assert_allclose(exact, expected, atol=1e-7)

@@ -1,0 +1,119 @@
+"""Shapes that the tests of the core share: solids on grids, meshes, and two small cells."""
+
+from __future__ import annotations
+
+import numpy as np
+import trimesh
+
+from napari_unwrap3d.charts import Floats, Ints, Mask
+from napari_unwrap3d.geometry.mesh import orient_outward, signed_volume
+from napari_unwrap3d.parameters import Parameters
+
+VOXEL_UM = 0.1
+# Enough for a small cell and quickly there: the flow of a coarse mesh does not get far below.
+QUICK = Parameters.from_dict({"sphere": {"tolerance": 0.006}, "uv": {"rows": 64}})
+
+
+def grid(shape: tuple[int, int, int] | int) -> Floats:
+    """Index coordinates (z, y, x, 3) of a grid, from its centre."""
+    size = (shape,) * 3 if isinstance(shape, int) else shape
+    index = np.stack(np.indices(size), axis=-1).astype(float)
+    return index - (np.array(size) - 1) / 2
+
+
+def ball(radius: float, shape: int) -> np.ndarray:
+    return np.linalg.norm(grid(shape), axis=-1) < radius
+
+
+def torus(ring: float, tube: float, shape: tuple[int, int, int]) -> np.ndarray:
+    """A ring around the z axis, in the middle of the grid."""
+    z, y, x = np.moveaxis(grid(shape), -1, 0)
+    return np.hypot(np.hypot(y, x) - ring, z) < tube
+
+
+def tube_along(curve: Floats, radius: float, shape: tuple[int, int, int]) -> np.ndarray:
+    """Voxels within a distance of a densely sampled curve (n, 3) in index coordinates."""
+    from scipy.spatial import cKDTree
+
+    index = np.stack(np.indices(shape), axis=-1).reshape(-1, 3)
+    return (cKDTree(curve).query(index)[0] < radius).reshape(shape)
+
+
+def trefoil(size: float) -> Floats:
+    t = np.linspace(0, 2 * np.pi, 2000)
+    x = np.sin(t) + 2 * np.sin(2 * t)
+    y = np.cos(t) - 2 * np.cos(2 * t)
+    return size * np.stack([-np.sin(3 * t), y, x], axis=1)
+
+
+def icosphere(subdivisions: int = 3) -> tuple[Floats, Ints]:
+    """Unit vectors and faces of positive signed volume."""
+    return outward(trimesh.creation.icosphere(subdivisions=subdivisions))
+
+
+def outward(mesh: trimesh.Trimesh) -> tuple[Floats, Ints]:
+    vertices = np.array(mesh.vertices, dtype=float)
+    faces = np.array(mesh.faces, dtype=np.int64)
+    return vertices, orient_outward(vertices, faces)
+
+
+def torus_mesh(ring: float = 3.0, tube: float = 1.0, n: int = 48) -> tuple[Floats, Ints]:
+    return outward(trimesh.creation.torus(ring, tube, n, n // 2))
+
+
+def lumpy(subdivisions: int = 4, seed: int = 0, size: float = 0.25) -> tuple[Floats, Ints]:
+    """A smooth body without any symmetry."""
+    directions, faces = icosphere(subdivisions)
+    rng = np.random.default_rng(seed)
+    radius = np.ones(len(directions))
+    for axis in rng.normal(size=(8, 3)):
+        closeness = directions @ (axis / np.linalg.norm(axis))
+        radius += size * rng.uniform(-0.5, 1.0) * np.exp(4.0 * (closeness - 1.0))
+    vertices = directions * radius[:, None] * np.array([1.0, 1.15, 1.3])
+    assert signed_volume(vertices, faces) > 0
+    return vertices, faces
+
+
+def rotation(seed: int) -> Floats:
+    """A random proper rotation (3, 3)."""
+    q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    q = q * np.sign(np.diag(r))
+    return q if np.linalg.det(q) > 0 else -q
+
+
+def directions(count: int, seed: int = 0) -> Floats:
+    vectors = np.random.default_rng(seed).normal(size=(count, 3))
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
+
+
+# Where the bumps of the small cell are: axis (z, y, x), distance of the centre, radius. All
+# different, so that a mirrored cell is another cell; the last one overhangs the cortex.
+BUMPS = (
+    ((1.0, 0.1, 0.2), 18.0, 7.0),
+    ((-0.2, 1.0, 0.3), 18.5, 5.5),
+    ((0.1, -0.4, 1.0), 18.0, 4.5),
+    ((-0.6, -0.5, -0.6), 23.0, 5.5),
+)
+CORTEX = 17.0
+CELL_SHAPE = 68
+
+
+def small_cell_mask(*, handle: bool = False) -> Mask:
+    """A ball of 17 voxels with four bumps, one of them mushroom-like, off the origin.
+
+    With `handle`, an arch stands on it, so its genus is 1.
+    """
+    points = grid(CELL_SHAPE)
+    solid = np.linalg.norm(points, axis=-1) < CORTEX
+    for axis, distance, radius in BUMPS:
+        unit = np.array(axis) / np.linalg.norm(axis)
+        solid |= np.linalg.norm(points - distance * unit, axis=-1) < radius
+    unit = np.array(BUMPS[3][0]) / np.linalg.norm(BUMPS[3][0])
+    along = points @ unit
+    neck = np.linalg.norm(points - along[..., None] * unit, axis=-1) < 3.5
+    solid |= neck & (along > 0) & (along < 22)
+    if handle:
+        z, y, x = np.moveaxis(points, -1, 0)
+        ring = np.hypot(z, x + CORTEX + 1.0)
+        solid |= np.hypot(ring - 6.0, y) < 2.6
+    return Mask(solid, (VOXEL_UM,) * 3, (1.0, -2.0, 3.0))
