@@ -299,7 +299,7 @@ def test_an_isotropic_mask_is_not_changed_at_all() -> None:
     given = Mask(data, (0.1, 0.1, 0.1), (1.0, 2.0, 3.0))
     mask, report = check_mask(given)
     before = given.to_world(np.argwhere(given.data))
-    assert mask.to_world(np.argwhere(mask.data)) == pytest.approx(before)
+    np.testing.assert_allclose(mask.to_world(np.argwhere(mask.data)), before, atol=1e-9)
     assert report["enclosed_cavities"] == 1
     assert report["dropped_voxels"] == 0
     again, _ = check_mask(mask)
@@ -327,10 +327,10 @@ def test_masks_that_hold_no_one_cell_are_refused() -> None:
 # Real stacks -------------------------------------------------------------------
 
 
-def test_every_frame_of_the_droplet(shared_data: Path) -> None:
+def test_frames_of_the_droplet(shared_data: Path) -> None:
     movie = read_stack(shared_data / "stacks" / "ExampleTifSequence.tif", (1, 1, 1), 1.0)
     volumes = []
-    for t in range(movie.timepoints):
+    for t in range(0, movie.timepoints, 4):
         _, report = segment(movie, StackParameters(timepoint=t))
         assert report["components"] == 1
         volumes.append(report["volume_um3"])
@@ -353,13 +353,10 @@ def test_the_fly_embryo_is_filled(shared_data: Path) -> None:
     assert report["filled_voxels"] > 20_000
 
 
-@pytest.mark.parametrize("voxel_size", [(1, 1, 1), (1, 0.5, 0.5)])
-def test_an_embryo_of_many_cells_is_refused(
-    shared_data: Path, voxel_size: tuple[float, float, float]
-) -> None:
+def test_an_embryo_of_many_cells_is_refused(shared_data: Path) -> None:
     path = shared_data / "stacks" / "limeseg_Dub-WilliamMohler-Tp33-Half.zip"
     with pytest.raises(SeveralCellsError, match=r"walls around several chambers.*label image"):
-        segment(read_stack(path, voxel_size))
+        segment(read_stack(path, (1, 0.5, 0.5)))
 
 
 def test_cells_of_the_ovule(shared_data: Path) -> None:
