@@ -35,8 +35,7 @@ def angle_deficit(vertices: Floats, faces: Ints) -> Floats:
     """
     angles = corner_angles(vertices, faces)
     around = np.bincount(faces.ravel(), angles.ravel(), minlength=len(vertices))
-    deficit: Floats = 2.0 * np.pi - around
-    return deficit
+    return 2.0 * np.pi - np.asarray(around, np.float64)
 
 
 def total_absolute_curvature(vertices: Floats, faces: Ints) -> float:

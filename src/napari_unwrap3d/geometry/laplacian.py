@@ -60,7 +60,7 @@ def faces_to_vertices(values: Floats, faces: Ints, size: int) -> Floats:
     """Sum of a value per face, (m,) or (m, k), over the faces around each vertex."""
     flat = faces.ravel()
     if values.ndim == 1:
-        return np.bincount(flat, np.repeat(values, 3), minlength=size)
+        return np.asarray(np.bincount(flat, np.repeat(values, 3), minlength=size), np.float64)
     columns = [np.bincount(flat, np.repeat(v, 3), minlength=size) for v in values.T]
     return np.stack(columns, axis=1)
 

@@ -72,7 +72,8 @@ def sample_uv_nearest(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) 
     v, u = wrap_uv(points, rows).T
     i = np.clip(np.floor(v + 0.5).astype(np.int64), 0, rows - 1)
     j = np.floor(u + 0.5).astype(np.int64) % columns
-    return image[i, j]
+    values: npt.NDArray[Any] = image[i, j]
+    return values
 
 
 def _take(image: npt.NDArray[Any], axis: int, part: slice) -> npt.NDArray[Any]:

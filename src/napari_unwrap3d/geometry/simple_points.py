@@ -196,19 +196,19 @@ def _change(values, changeable, priority, offsets, face_offsets, new):  # type: 
             heapq.heappush(heap, (-priority[i], np.int64(i)))
             queued[i] = True
     while len(heap) > 0:
-        level, i = heapq.heappop(heap)
-        queued[i] = False
-        if values[i] == new:
+        level, v = heapq.heappop(heap)
+        queued[v] = False
+        if values[v] == new:
             continue
         code = np.uint32(0)
         for k in range(27):
-            if k != CENTRE and values[i + offsets[k]]:
+            if k != CENTRE and values[v + offsets[k]]:
                 code |= np.uint32(1) << np.uint32(k)
         if not (_is_simple(code) and _stays_well_composed(code, new)):
             continue
-        values[i] = new
+        values[v] = new
         for k in range(27):
-            j = i + offsets[k]
+            j = v + offsets[k]
             if (
                 values[j] != new
                 and changeable[j]
