@@ -6,6 +6,7 @@ import argparse
 import signal
 import subprocess
 import sys
+import types
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from napari_unwrap3d import cli
-from napari_unwrap3d.cli import build_parser, chosen_parameters, interruptible, main
+from napari_unwrap3d.cli import build_parser, interruptible, main
 from napari_unwrap3d.console import StepProgress, format_value
 from napari_unwrap3d.errors import Cancelled, ParameterError
 from napari_unwrap3d.files import pictures
@@ -21,6 +22,7 @@ from napari_unwrap3d.files.export import FILES
 from napari_unwrap3d.files.meshes import write_mesh
 from napari_unwrap3d.files.project import load_project, save_project
 from napari_unwrap3d.files.stacks import write_image
+from napari_unwrap3d.options import chosen_parameters
 from napari_unwrap3d.parameters import PRESETS, Parameters
 from napari_unwrap3d.progress import Progress
 from synthetic import RADIUS, height, icosphere, make_atlas, solid
@@ -138,6 +140,8 @@ def test_wrong_input_is_two_and_a_message(
         (["run", str(no_size), "-o", out], "voxel size"),
         (["run", str(project), "-o", out], "unwrapped already"),
         (["run", str(no_size), "-o", str(full)], "not empty"),
+        (["run", "cell.ply", "-o", out, "--voxel-size", "1", "1", "1"], "cell.ply is a mesh"),
+        (["run", str(no_size), "-o", out, "--scale", "2"], "--scale is for meshes"),
         (["run", str(no_size), "-o", out, "--set", "uv.rows=7"], "uv.rows"),
         (["export", str(project), "-o", out], "no project"),
         (["info", str(project)], "no project"),
@@ -247,6 +251,16 @@ def test_a_mesh_is_unwrapped_and_exported_again(
         assert (again / name).read_bytes() == (out / name).read_bytes()
 
 
+def test_a_mesh_is_scaled_to_micrometres(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    vertices, faces = icosphere(4)
+    path = write_mesh(tmp_path / "nm.ply", 2000 * vertices, faces)
+    assert main(["info", str(path), "--scale", "0.001"]) == 0
+    volume = 4 / 3 * np.pi * 2**3
+    assert f"{volume:.1f}"[:3] in capsys.readouterr().out
+
+
 def test_a_mask_and_a_label_are_taken_as_they_are(tmp_path: Path) -> None:
     truth = solid(lambda d: RADIUS + height(d))
     sizes = dict(zip("zyx", VOXEL, strict=True))
@@ -275,6 +289,23 @@ def test_the_demo_unwraps_a_simulated_stack(
     assert main(words) == 0
     assert "No window" in capsys.readouterr().out
     assert_complete(tmp_path / "demo-output", drawn=False)
+
+
+def test_the_window_runs_the_demo_itself(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    opened = []
+    fake = types.ModuleType("demo")
+    fake.open_demo = lambda *args, **options: opened.append((args, options))  # type: ignore[attr-defined]
+    monkeypatch.setitem(sys.modules, "napari_unwrap3d.viewer.demo", fake)
+    monkeypatch.setattr(cli, "missing_for_window", lambda: "")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "demo-output").mkdir()
+    (tmp_path / "demo-output" / "uv.ome.tif").write_text("of an earlier demo")
+    assert main(["demo", "--window", "--kind", "mix", "--set", "uv.rows=64"]) == 0
+    [((kind, project, parameters), options)] = opened
+    assert (kind, options) == ("mix", {"size": 200})
+    assert project == Path("demo-output") / "cell.unwrap3d"
+    assert parameters.uv.rows == 64
+    assert not list((tmp_path / "demo-output").iterdir())
 
 
 # What is printed -------------------------------------------------------------

@@ -13,7 +13,6 @@ import os
 import signal
 import sys
 import threading
-import tomllib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -22,7 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
-from .parameters import PRESETS, Parameters
+from .options import add_output, add_parameters, add_reading, chosen_parameters
+from .parameters import Parameters
 from .progress import Progress
 from .provenance import package_version
 
@@ -84,13 +84,13 @@ def _add_run(commands: Any) -> None:
     )
     run.set_defaults(command=run_command)
     run.add_argument("input", type=Path, help="stack (TIFF, OME-TIFF, OME-Zarr, HDF5) or mesh")
-    _add_reading(run)
-    _add_parameters(run)
+    add_reading(run)
+    add_parameters(run)
     run.add_argument("--channel", type=int, help="channel that shows the cell (from 0)")
     run.add_argument("--timepoint", type=int, help="timepoint (from 0)")
     run.add_argument("--label", type=int, help="the stack is a label image: the cell's label")
     run.add_argument("--mask", action="store_true", help="the stack is a mask: not 0 is cell")
-    _add_output(run, None)
+    add_output(run, None)
 
 
 def _add_info(commands: Any) -> None:
@@ -102,7 +102,7 @@ def _add_info(commands: Any) -> None:
     info.set_defaults(command=info_command)
     info.add_argument("input", type=Path, nargs="?", help="stack, mesh or project")
     info.add_argument("--parameters", action="store_true", help="list every parameter")
-    _add_reading(info)
+    add_reading(info)
 
 
 def _add_demo(commands: Any) -> None:
@@ -118,8 +118,8 @@ def _add_demo(commands: Any) -> None:
         "--size", type=int, default=200, help="edge of the field of view in voxels (default: 200)"
     )
     demo.add_argument("--window", action="store_true", help="show the charts in napari")
-    _add_parameters(demo)
-    _add_output(demo, DEMO_OUTPUT)
+    add_parameters(demo)
+    add_output(demo, DEMO_OUTPUT)
 
 
 def _add_export(commands: Any) -> None:
@@ -130,42 +130,7 @@ def _add_export(commands: Any) -> None:
     )
     export.set_defaults(command=export_command)
     export.add_argument("input", type=Path, help="project (*.unwrap3d)")
-    _add_output(export, None)
-
-
-def _add_reading(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument(
-        "--voxel-size", type=float, nargs=3, metavar=("Z", "Y", "X"), help="voxel size in µm"
-    )
-    parser.add_argument("--axes", help="axes of the stack, letters out of tczyx, e.g. tzyx")
-    parser.add_argument("--dataset", help="which dataset of an HDF5 file")
-
-
-def _add_parameters(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("--preset", choices=sorted(PRESETS), help="the paper's values for a kind")
-    parser.add_argument("--params", type=Path, metavar="FILE", help="parameters in a TOML file")
-    parser.add_argument(
-        "--set",
-        action="append",
-        default=[],
-        metavar="STEP.NAME=VALUE",
-        help="one parameter, e.g. uv.rows=256; `info --parameters` lists them",
-    )
-
-
-def _add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
-    parser.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        default=default,
-        required=default is None,
-        metavar="FOLDER",
-        help="where to write" + (f" (default: {default})" if default else ""),
-    )
-    parser.add_argument("--overwrite", action="store_true", help="replace an earlier export")
-    parser.add_argument("--no-pictures", action="store_true", help="write no PNG pictures")
-    parser.add_argument("--quiet", action="store_true", help="print errors only")
+    add_output(export, None)
 
 
 # Commands --------------------------------------------------------------------
@@ -178,8 +143,9 @@ def run_command(arguments: argparse.Namespace, console: Console) -> int:
     check_folder(arguments.output, arguments.overwrite)
     parameters = chosen_parameters(arguments)
     source: Stack | Mask | Surface = read_input(arguments)
-    if arguments.mask and isinstance(source, Stack):
-        source = as_mask(source, parameters)
+    if isinstance(source, Stack):
+        _print_choice(source, parameters, console)
+        source = as_mask(source, parameters) if arguments.mask else source
     _unwrap_and_export(source, parameters, arguments, console)
     return 0
 
@@ -207,7 +173,7 @@ def info_command(arguments: argparse.Namespace, console: Console) -> int:
 
 def demo_command(arguments: argparse.Namespace, console: Console) -> int:
     """``demo``: simulate, unwrap, and write or show."""
-    from .files.export import PROJECT_NAME, check_folder
+    from .files.export import PROJECT_NAME, check_folder, remove_entries
     from .simulate import KINDS
 
     if arguments.kind not in KINDS:
@@ -224,7 +190,9 @@ def demo_command(arguments: argparse.Namespace, console: Console) -> int:
             from .viewer.demo import open_demo
 
             arguments.output.mkdir(parents=True, exist_ok=True)
+            remove_entries(arguments.output)
             project = arguments.output / PROJECT_NAME
+            console.print(f"The project will be saved as {project}", markup=False, highlight=False)
             open_demo(arguments.kind, project, parameters, size=arguments.size)
             return 0
         console.print(f"{missing} The charts are written as files instead.", highlight=False)
@@ -292,6 +260,19 @@ def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:
     return replace(atlas, provenance={**atlas.provenance, "source": named})
 
 
+def _print_choice(stack: Stack, parameters: Parameters, console: Console) -> None:
+    """Which volume of several is taken."""
+    chosen = {
+        "t": ("timepoint", parameters.stack.timepoint),
+        "c": ("channel", parameters.stack.channel),
+    }
+    for axis, (name, index) in chosen.items():
+        if axis in stack.axes:
+            count = stack.shape[stack.axes.index(axis)]
+            text = f"{name.capitalize()} {index} of 0–{count - 1} (--{name} takes another)"
+            console.print(text, highlight=False)
+
+
 def _print_where(folder: Path, console: Console) -> None:
     console.print(f"Written to {folder}", markup=False, highlight=False)
 
@@ -330,7 +311,18 @@ def read_input(arguments: argparse.Namespace) -> Stack | Surface:
             hint="`napari-unwrap3d export` writes its files, `info` shows its quality.",
         )
     if path.suffix.lower() in MESH_SUFFIXES:
-        return read_mesh(path)
+        for name in ("voxel_size", "axes", "dataset", "channel", "timepoint", "label"):
+            if getattr(arguments, name) is not None:
+                option = name.replace("_", "-")
+                raise InputError(
+                    f"--{option} is for stacks, and {path.name} is a mesh.",
+                    hint="Leave it out. A mesh whose unit is not µm is scaled by --scale.",
+                )
+        return read_mesh(path, scale=arguments.scale or 1.0)
+    if arguments.scale is not None:
+        raise InputError(
+            f"--scale is for meshes, and {path.name} is none.", hint="Give --voxel-size in µm."
+        )
     return _read_stack(arguments)
 
 
@@ -359,7 +351,7 @@ def described(arguments: argparse.Namespace) -> dict[str, Any]:
     from .files.meshes import MESH_SUFFIXES, read_mesh
 
     if arguments.input.suffix.lower() in MESH_SUFFIXES:
-        return mesh_pairs(read_mesh(arguments.input, repaired=False))
+        return mesh_pairs(read_mesh(arguments.input, scale=arguments.scale or 1.0, repaired=False))
     try:
         return stack_pairs(_read_stack(arguments))
     except VoxelSizeMissingError as error:
@@ -374,49 +366,6 @@ def simulated_stack(kind: str, seed: int, size: int) -> Stack:
     from .simulate import cell
 
     return cell(kind=kind, seed=seed, size=size).stack
-
-
-def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
-    """Preset, then the file, then single options: the later ones win."""
-    values: dict[str, Any] = {}
-    if arguments.preset:
-        _merge(values, PRESETS[arguments.preset])
-    if arguments.params is not None:
-        _merge(values, Parameters.from_toml(arguments.params).model_dump(exclude_unset=True))
-    single = {
-        name: getattr(arguments, name)
-        for name in ("channel", "timepoint", "label")
-        if getattr(arguments, name, None) is not None
-    }
-    _merge(values, {"stack": single} if single else {})
-    for setting in arguments.set:
-        _merge(values, _parsed_setting(setting))
-    return Parameters.from_dict(values)
-
-
-def _merge(values: dict[str, Any], more: dict[str, Any]) -> None:
-    for step, group in more.items():
-        values[step] = {**values.get(step, {}), **group}
-
-
-def _parsed_setting(setting: str) -> dict[str, Any]:
-    name, equals, text = setting.partition("=")
-    step, dot, key = name.strip().partition(".")
-    if not (equals and dot and step and key):
-        raise ParameterError(
-            f"{setting!r} is no setting.", hint="Write STEP.NAME=VALUE, e.g. --set uv.rows=256."
-        )
-    return {step: {key: _parsed_value(text.strip())}}
-
-
-def _parsed_value(text: str) -> Any:
-    """A TOML value; a bare word is text; nothing and ``none`` mean empty."""
-    if text.lower() in ("", "none"):
-        return None
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 # The window ------------------------------------------------------------------

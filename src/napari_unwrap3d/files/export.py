@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -127,8 +127,7 @@ def replacing_folder(folder: str | Path, names: tuple[str, ...] = ()) -> Iterato
     partial = Path(tempfile.mkdtemp(prefix=".unwrap3d-", suffix=".partial", dir=folder))
     try:
         yield partial
-        for name in {*names, *(entry.name for entry in partial.iterdir())}:
-            _remove(folder / name)
+        remove_entries(folder, {*names, *(entry.name for entry in partial.iterdir())})
         for entry in sorted(partial.iterdir()):
             os.replace(entry, folder / entry.name)
             made = False
@@ -138,11 +137,13 @@ def replacing_folder(folder: str | Path, names: tuple[str, ...] = ()) -> Iterato
             folder.rmdir()
 
 
-def _remove(path: Path) -> None:
-    if path.is_dir() and not path.is_symlink():
-        shutil.rmtree(path)
-    else:
-        path.unlink(missing_ok=True)
+def remove_entries(folder: Path, names: Iterable[str] = FOLDERS + FILES) -> None:
+    """Remove files and folders in `folder`, by default those of an earlier export."""
+    for path in (folder / name for name in names):
+        if path.is_dir() and not path.is_symlink():
+            shutil.rmtree(path)
+        else:
+            path.unlink(missing_ok=True)
 
 
 # Parts -----------------------------------------------------------------------
