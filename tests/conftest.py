@@ -1,9 +1,16 @@
 """What all tests share."""
 
+from __future__ import annotations
+
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from napari_unwrap3d.atlas import Atlas
+    from napari_unwrap3d.pipeline import Pipeline
 
 PROJECT = Path(__file__).resolve().parents[1]
 
@@ -19,3 +26,31 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the real data are not beside the project")
     return folder
+
+
+@pytest.fixture(scope="session")
+def small_pipeline() -> Pipeline:
+    """A pipeline that has unwrapped the small cell of tests/shapes.py; do not run it."""
+    from napari_unwrap3d.pipeline import Pipeline
+    from shapes import QUICK, small_cell_mask
+
+    pipeline = Pipeline(small_cell_mask())
+    pipeline.run(QUICK)
+    return pipeline
+
+
+@pytest.fixture(scope="session")
+def small_atlas(small_pipeline: Pipeline) -> Atlas:
+    """The atlas of the small cell."""
+    from shapes import QUICK
+
+    return small_pipeline.run(QUICK)
+
+
+@pytest.fixture(scope="session")
+def handle_atlas() -> Atlas:
+    """The atlas of the small cell with a handle."""
+    from napari_unwrap3d.pipeline import unwrap
+    from shapes import QUICK, small_cell_mask
+
+    return unwrap(small_cell_mask(handle=True), QUICK)

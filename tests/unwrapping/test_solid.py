@@ -1,0 +1,78 @@
+"""From a mesh to its voxels."""
+
+import numpy as np
+import pytest
+
+from napari_unwrap3d.charts import Surface
+from napari_unwrap3d.errors import NotWatertightError
+from napari_unwrap3d.geometry.mesh import is_watertight, signed_volume
+from napari_unwrap3d.unwrapping.solid import closed_mesh, mask_of_mesh
+from shapes import icosphere, lumpy, torus_mesh
+
+
+def body() -> Surface:
+    vertices, faces = lumpy(3)
+    return Surface(4 * vertices + [100, -50, 7], faces)
+
+
+@pytest.mark.parametrize("edge", [0.1, 0.25])
+def test_the_voxels_have_the_volume_of_the_mesh_and_its_place(edge: float) -> None:
+    mesh = body()
+    mask, report = mask_of_mesh(mesh, edge)
+    assert mask.voxel_size == (edge,) * 3
+    volume = mask.data.sum() * edge**3
+    assert volume == pytest.approx(signed_volume(mesh.vertices, mesh.faces), rel=0.02)
+    inside = mask.to_world(np.argwhere(mask.data))
+    np.testing.assert_allclose(inside.min(axis=0), mesh.vertices.min(axis=0), atol=1.5 * edge)
+    np.testing.assert_allclose(inside.max(axis=0), mesh.vertices.max(axis=0), atol=1.5 * edge)
+    assert report == {
+        "working_voxel_um": edge,
+        "working_voxel_automatic": False,
+        "voxels": mask.data.sum(),
+    }
+
+
+def test_the_voxel_is_chosen_by_the_longest_edge_of_the_box() -> None:
+    mesh = body()
+    mask, report = mask_of_mesh(mesh, None)
+    longest = np.ptp(mesh.vertices, axis=0).max()
+    assert mask.voxel_size[0] == pytest.approx(longest / 200)
+    assert report["working_voxel_automatic"] is True
+    assert np.ptp(np.argwhere(mask.data), axis=0).max() in (198, 199, 200)
+
+
+def test_there_is_room_around_the_solid() -> None:
+    mask, _ = mask_of_mesh(body(), 0.2)
+    inside = np.argwhere(mask.data)
+    assert inside.min() >= 7
+    assert (np.array(mask.shape) - inside.max(axis=0)).min() >= 7
+
+
+def test_a_mesh_between_voxels_is_an_error() -> None:
+    vertices, faces = icosphere(2)
+    with pytest.raises(NotWatertightError, match=r"working_voxel_um = 50"):
+        mask_of_mesh(Surface(vertices + 3, faces), 50.0)
+
+
+def test_a_sound_mesh_is_returned_as_it_is() -> None:
+    for vertices, faces in (icosphere(2), torus_mesh()):
+        mesh = Surface(vertices, faces)
+        assert closed_mesh(mesh) is mesh
+
+
+def test_a_mesh_inside_out_is_turned() -> None:
+    vertices, faces = lumpy(2)
+    turned = closed_mesh(Surface(vertices, faces[:, ::-1], report={"file": "cell.ply"}))
+    assert signed_volume(turned.vertices, turned.faces) == pytest.approx(
+        signed_volume(vertices, faces)
+    )
+    assert turned.report["file"] == "cell.ply"
+
+
+def test_a_mesh_with_a_hole_is_closed_and_says_so() -> None:
+    vertices, faces = icosphere(3)
+    around = (faces == 5).any(axis=1)
+    mended = closed_mesh(Surface(vertices, faces[~around]))
+    assert is_watertight(mended.faces)
+    assert signed_volume(mended.vertices, mended.faces) == pytest.approx(4.1, abs=0.1)
+    assert len(mended.report) > 0
