@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import os
 import time
 from pathlib import Path
 from typing import Any
@@ -287,5 +286,4 @@ def _plain(value: Any) -> Any:
 
 
 if __name__ == "__main__":
-    os.chdir(results.HERE)
     main()

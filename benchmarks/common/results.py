@@ -15,6 +15,7 @@ import napari_unwrap3d as unwrap3d
 
 HERE = Path(__file__).resolve().parents[1]
 RESULTS = HERE / "results.json"
+SHOWN = ("value", "bar", "unit", "holds", "grid")
 PACKAGES = ("numpy", "scipy", "numba", "scikit-image", "libigl", "trimesh")
 
 Entry = dict[str, Any]
@@ -98,7 +99,8 @@ def show(entries: Entries) -> None:
     """Print entries as a table."""
     for name, entry in sorted(entries.items()):
         mark = "holds" if entry["holds"] else "FAILS"
-        note = f"  ({entry['note']})" if entry.get("note") else ""
+        more = {key: item for key, item in entry.items() if key not in SHOWN}
+        note = "".join(f"  {key} {item}" for key, item in more.items())
         print(
             f"  {mark}  {name:45s} {entry['value']!s:>10} {entry['unit']}"
             f"  [bar {entry['bar']}]{note}",
