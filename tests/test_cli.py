@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import signal
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from rich.console import Console
 
 from napari_unwrap3d import cli
 from napari_unwrap3d.cli import build_parser, interruptible, main
-from napari_unwrap3d.console import StepProgress, format_value
+from napari_unwrap3d.console import StepProgress, format_value, print_quality
 from napari_unwrap3d.errors import Cancelled, ParameterError
 from napari_unwrap3d.files import pictures
 from napari_unwrap3d.files.export import FILES
@@ -25,6 +26,7 @@ from napari_unwrap3d.files.stacks import write_image
 from napari_unwrap3d.options import chosen_parameters
 from napari_unwrap3d.parameters import PRESETS, Parameters
 from napari_unwrap3d.progress import Progress
+from napari_unwrap3d.quality import quality_rows
 from synthetic import RADIUS, height, icosphere, make_atlas, solid
 
 VOXEL = (0.25, 0.25, 0.25)
@@ -317,6 +319,28 @@ def test_the_window_runs_the_demo_itself(tmp_path: Path, monkeypatch: pytest.Mon
 )
 def test_values_are_readable(value: object, text: str) -> None:
     assert format_value(value) == text
+
+
+def test_a_terminal_without_unicode_is_no_error() -> None:
+    code = "import sys; from napari_unwrap3d.cli import main; sys.exit(main(sys.argv[1:]))"
+    run = subprocess.run(
+        [sys.executable, "-c", code, "info", "--parameters"],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        check=False,
+    )
+    assert run.returncode == 0, run.stderr
+    assert b"uv.rows = 512 pixels" in run.stdout
+
+
+@pytest.mark.parametrize(("flipped", "verdict"), [(0, "All charts are good"), (2, "Do not rely")])
+def test_the_table_ends_with_a_verdict(
+    flipped: int, verdict: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    print_quality(Console(), quality_rows({"sphere": {"flipped_faces": flipped}}))
+    text = " ".join(capsys.readouterr().out.split())
+    assert verdict in text
+    assert ("not one to one" in text) == (flipped > 0)
 
 
 @pytest.mark.parametrize("terminal", [True, False])

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
+import io
 import os
 import signal
 import sys
@@ -43,6 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
     from .console import print_error
 
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # terminals that do not know µ or ✔
     arguments = build_parser().parse_args(argv)
     console = Console(quiet=getattr(arguments, "quiet", False))
     errors = Console(stderr=True)

@@ -22,6 +22,13 @@ from .quality import KEY_NUMBERS, Row, in_words, worst_mark
 SIGNS = {"green": "[green]✔ good[/]", "amber": "[yellow]● fair[/]", "red": "[red]✘ bad[/]", "": ""}
 
 
+VERDICTS = {
+    "green": "[green]All charts are good.[/]",
+    "amber": "[yellow]All charts can be used; some are only fair.[/]",
+    "red": "[red]Do not rely on what is marked bad.[/]",
+}
+
+
 class StepProgress:
     """A bar per step while a terminal looks on; a line per finished step otherwise.
 
@@ -128,8 +135,9 @@ def print_quality(console: Console, rows: Sequence[Row], title: str = "Quality")
             sign = SIGNS[row.mark]
             text = f"{row.chart}, {row.title} {format_value(row.value)}: {row.reason}."
             console.print(f"{sign}  {escape(text)}", highlight=False)
-    if worst_mark(judged) == "green":
-        console.print("[green]All charts are good.[/]", highlight=False)
+    verdict = VERDICTS.get(worst_mark(judged), "")
+    if verdict:
+        console.print(verdict, highlight=False)
 
 
 def print_pairs(console: Console, title: str, pairs: Mapping[str, Any]) -> None:

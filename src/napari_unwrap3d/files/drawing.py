@@ -218,10 +218,11 @@ def scale_bar(axes: Axes, extent: Extent, unit: str = "µm") -> None:
     length, room = round_length(right - left), 0.03 * (right - left)
     x, y = left + room, bottom + room
     axes.plot([x, x + length], [y, y], color=INK, linewidth=3, solid_capstyle="butt")
-    axes.text(
-        x + length + 0.4 * room,
-        y,
+    axes.annotate(
         f"{length:g} {unit}",
+        (x + length, y),
+        xytext=(6, 0),
+        textcoords="offset points",
         ha="left",
         va="center",
         fontsize=10,
