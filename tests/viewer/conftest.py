@@ -17,17 +17,21 @@ from napari_unwrap3d.pipeline import STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
 
+EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
+
 
 class FakePipeline:
     """Walks through the steps and remembers which of them it computed.
 
     `behaviour` maps a step to what happens in it: an exception to raise, or a number
-    of seconds to take.
+    of seconds to take. Charts outside of `charts` are left out of the atlas: napari
+    needs long to add a layer.
     """
 
     made: list[FakePipeline]
     behaviour: dict[str, Any]
     atlas: Atlas
+    charts: tuple[str, ...]
 
     def __init__(self, source: Any) -> None:
         self.source = source
@@ -50,9 +54,11 @@ class FakePipeline:
                 continue
             self._compute(step, progress.named(step))
             self.computed[-1].append(step)
-            chart = getattr(self.atlas, "mask" if step == "stack" else step)
+            name = "mask" if step == "stack" else step
+            chart = getattr(self.atlas, name) if name in self.charts else None
             self.kept[step] = Kept(key, chart, dict(self.atlas.quality.get(step, {})), 0.25)
-        return self.atlas
+        missing = {name: None for name in EVERY_CHART if name not in self.charts}
+        return replace(self.atlas, **missing)  # type: ignore[arg-type]
 
     def state(self, parameters: Parameters) -> dict[str, str]:
         states = {}
@@ -63,7 +69,7 @@ class FakePipeline:
 
     @property
     def results(self) -> dict[str, Any]:
-        return {step: kept.value for step, kept in self.kept.items()}
+        return {s: kept.value for s, kept in self.kept.items() if kept.value is not None}
 
     def _compute(self, step: str, progress: Progress) -> None:
         what = self.behaviour.get(step, 0.0)
@@ -103,11 +109,17 @@ def fake_pipeline(round_cell: Atlas, monkeypatch: pytest.MonkeyPatch) -> type[Fa
     class Pipeline(FakePipeline):
         made: list[FakePipeline] = []  # noqa: RUF012 (one list per test is meant)
         behaviour: dict[str, Any] = {}  # noqa: RUF012
-        # Fewer layers: napari needs long to add one.
+        charts = ("mask", "surface", "reference", "sphere")
         atlas = replace(round_cell, uv=replace(round_cell.uv, fields=fields))
 
     monkeypatch.setattr("napari_unwrap3d.viewer.computing.Pipeline", Pipeline)
     return Pipeline
+
+
+@pytest.fixture
+def every_chart(fake_pipeline: type[FakePipeline]) -> None:
+    """Let the pipeline make every chart."""
+    fake_pipeline.charts = EVERY_CHART
 
 
 @pytest.fixture

@@ -37,7 +37,7 @@ def test_a_sample_is_a_stack_with_its_truth() -> None:
 
 
 def test_the_main_job_in_a_window(make_napari_viewer: Any, qtbot: Any, tmp_path: Path) -> None:
-    viewer: napari.Viewer = make_napari_viewer(show=True)
+    viewer: napari.Viewer = make_napari_viewer()
     done: list[napari.Viewer] = []
     output = tmp_path / "cell.unwrap3d"
     widget = demo.start_demo(viewer, "blebs", output, SMALL, done.append, size=80)

@@ -57,6 +57,7 @@ def charts(viewer: napari.Viewer) -> dict[str, Any]:
     return {layer.name: layer for layer in viewer.layers if chart_of(layer)}
 
 
+@pytest.mark.usefixtures("every_chart")
 def test_run_adds_every_chart(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
     viewer, widget = dock(**UM)
     run(widget, qtbot)
@@ -94,6 +95,15 @@ def test_a_second_run_computes_what_changed_and_replaces_in_place(
     assert pipeline.computed == [list(STEP_NAMES), ["sphere", "uv", "topography"]]
     assert charts(viewer) == before
     assert viewer.dims.ndisplay == 2, "the view is the user's after the first run"
+
+
+def test_a_removed_chart_comes_back_with_the_next_run(dock: Dock, qtbot: Any) -> None:
+    viewer, widget = dock(**UM)
+    run(widget, qtbot)
+    for name in ("sphere", "sphere (conformal)"):
+        viewer.layers.remove(viewer.layers[name])
+    run(widget, qtbot)
+    assert "sphere" in charts(viewer)
 
 
 def test_paint_on_the_labels_starts_anew(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
@@ -282,6 +292,7 @@ def test_two_viewers_have_two_sessions(make_napari_viewer: Any, fake_pipeline: A
     assert session_of(first) is not session_of(second)
 
 
+@pytest.mark.usefixtures("every_chart")
 def test_save_writes_the_project(dock: Dock, qtbot: Any, tmp_path: Path) -> None:
     _, widget = dock(**UM)
     run(widget, qtbot)
@@ -301,10 +312,12 @@ def test_a_failed_save_is_told(dock: Dock, qtbot: Any, tmp_path: Path, errors: l
     qtbot.waitUntil(widget.save_button.isEnabled, timeout=SECONDS)
 
 
+@pytest.mark.usefixtures("every_chart")
 def test_charts_are_drawn_on_the_canvas(
     make_napari_viewer: Any, qtbot: Any, stack: np.ndarray, fake_pipeline: Any, round_cell: Atlas
 ) -> None:
     viewer = make_napari_viewer(show=True)
+    viewer.window.resize(900, 600)  # software draws slowly
     viewer.add_image(stack, name="stack", **UM)
     viewer.layers["stack"].visible = False
     widget = UnwrapWidget(viewer)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 import zlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -35,12 +35,22 @@ class Outcome:
     error: BaseException | None = None
 
 
-@dataclass(frozen=True)
+@dataclass
 class Known:
-    """A pipeline with the results that it keeps, and what its source was."""
+    """A pipeline with the results that it keeps, and what its source was.
+
+    Attributes
+    ----------
+    pipeline : Pipeline
+    identity : tuple
+        The :func:`fingerprint` of the source.
+    shown : dict
+        The charts that were sent to the viewer, by name: they need not be sent again.
+    """
 
     pipeline: Pipeline
     identity: tuple[Any, ...]
+    shown: dict[str, Any] = field(default_factory=dict)
 
 
 class Computation(QObject):
@@ -113,7 +123,8 @@ class Computation(QObject):
 
     def _compute(self) -> Atlas:
         atlas = self._pipeline().run(self._parameters, self._progress)
-        self.charts_ready.emit(self._layers(atlas_charts(atlas)))
+        charts = atlas_charts(atlas)
+        self._show(charts, tuple(charts))
         return atlas
 
     def _pipeline(self) -> Pipeline:
@@ -142,17 +153,20 @@ class Computation(QObject):
         known = STEP_NAMES[: STEP_NAMES.index(step) + 1]
         charts = {chart_of_step(name): results[name] for name in known if name in results}
         shown = ("mask", "surface") if step == "surface" else (chart_of_step(step),)
-        self.charts_ready.emit(self._layers(charts, shown))
+        self._show(charts, shown)
 
-    def _layers(
-        self, charts: dict[str, Any], shown: tuple[str, ...] | None = None
-    ) -> list[LayerData]:
+    def _show(self, charts: dict[str, Any], names: tuple[str, ...]) -> None:
+        """Send the layers of those charts that are not in the viewer as they are."""
+        assert self._known is not None
+        shown = self._known.shown
         layout = Layout.of(charts, self._source.origin, self._box)
         layers: list[LayerData] = []
         for name in reversed(charts):
-            if shown is None or name in shown:
+            if name in names and shown.get(name) is not charts[name]:
                 layers += chart_layers(name, charts, layout)
-        return layers
+                shown[name] = charts[name]
+        if layers:
+            self.charts_ready.emit(layers)
 
 
 def fingerprint(source: LayerSource) -> tuple[Any, ...]:

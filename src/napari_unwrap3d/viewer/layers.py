@@ -64,6 +64,7 @@ CHARTS = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography"
 CURVATURE = "mean_curvature_per_um"
 DIVERGING = "coolwarm"
 GAP = 0.08
+OVERHANG = 0.02
 
 
 @dataclass(frozen=True)
@@ -284,7 +285,7 @@ def uv_pixel_um(rows: int, radius: float) -> float:
 def _topography(
     topography: Topography, charts: Mapping[str, Any], layout: Layout
 ) -> list[LayerData]:
-    _, rows, _ = topography.shape
+    _, rows, columns = topography.shape
     pixel = uv_pixel_um(rows, layout.radius)
     corner = np.add(layout.topography, (0.0, pixel / 2, pixel / 2))
     step = float(np.diff(topography.d_um).mean()) if len(topography.d_um) > 1 else 1.0
@@ -302,7 +303,10 @@ def _topography(
     carried["scale"] = (1.0, pixel, pixel)
     surface: Surface | None = charts.get("surface")
     values = None if surface is None else surface.fields.get(CURVATURE)
-    faces = facing_outwards(topography.cut_vertices, topography.cut_faces)
+    # Around a pole a face spans any range of u; drawn flat it would reach far out of the image.
+    reach = topography.cut_vertices[topography.cut_faces, 2].max(axis=1)
+    faces = topography.cut_faces[reach < columns * (1 + OVERHANG)]
+    faces = facing_outwards(topography.cut_vertices, faces)
     cut = TriangleMesh(topography.cut_vertices, faces)
     layers = [
         (topography.mask.view(np.uint8), mask, "labels"),

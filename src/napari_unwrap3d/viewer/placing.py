@@ -48,10 +48,14 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
         else:
             viewer.layers.remove(layer)
         yield
+    chosen = set(viewer.layers.selection)
+    added = []
     for chart, group in _by_chart(new.values()).items():
         for place, (data, attributes, kind) in enumerate(group, start=_place(viewer, chart)):
-            _insert(viewer, place, data, attributes, kind)
+            added.append(_insert(viewer, place, data, attributes, kind))
             yield
+    if chosen and viewer.layers.selection.active in added:
+        viewer.layers.selection = chosen
 
 
 def remove_charts(viewer: ViewerModel) -> None:
@@ -83,21 +87,20 @@ def _name(attributes: dict[str, Any]) -> str:
 
 def _insert(
     viewer: ViewerModel, place: int, data: Any, attributes: dict[str, Any], kind: str
-) -> None:
+) -> Layer:
     from napari.layers import Layer
 
     layer = Layer.create(data, attributes, kind)
     _remember(layer)
-    selected = set(viewer.layers.selection)
     viewer.layers.insert(place, layer)
-    if selected:
-        viewer.layers.selection = selected
+    return layer
 
 
 def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
     shown = layer.metadata[KEY]["shown"]
     seen, limits = _seen(layer)
-    layer.data = data
+    if not _same(layer.data, data):
+        layer.data = data
     for name in ("scale", "translate", "features", "size"):
         if name in attributes:
             setattr(layer, name, attributes[name])
@@ -107,6 +110,13 @@ def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
     if limits == shown[1] and "contrast_limits" in attributes:
         layer.contrast_limits = attributes["contrast_limits"]
     _remember(layer)
+
+
+def _same(old: Any, new: Any) -> bool:
+    """Whether data are equal; the comparison is much faster than showing them anew."""
+    if isinstance(new, tuple):
+        return all(_same(a, b) for a, b in zip(old, new, strict=True))
+    return bool(np.array_equal(old, new))
 
 
 def _seen(layer: Layer) -> tuple[bool, tuple[float, ...]]:

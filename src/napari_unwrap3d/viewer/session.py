@@ -128,6 +128,7 @@ class Session(QObject):
             set_voxel_size(layer, voxel_size)
         self._parameters = parameters
         self._update_states()
+        self._forget_removed()
         computation = Computation(source, parameters, layer_box(layer), self._known)
         computation.source_changed.connect(self._on_source)
         computation.progressed.connect(self._on_progress)
@@ -168,6 +169,15 @@ class Session(QObject):
     def _has_charts(self) -> bool:
         viewer = self._viewer()
         return viewer is not None and any(chart_of(layer) for layer in viewer.layers)
+
+    def _forget_removed(self) -> None:
+        """Charts whose layers the user removed are shown again by the next run."""
+        viewer = self._viewer()
+        if self._known is not None and viewer is not None:
+            present = {chart_of(layer) for layer in viewer.layers}
+            self._known.shown = {
+                name: chart for name, chart in self._known.shown.items() if name in present
+            }
 
     def _later(self, work: Iterator[None]) -> None:
         """Do work in the viewer piece by piece, in order, between other events."""

@@ -99,7 +99,8 @@ class UnwrapWidget(QWidget):
 
     def __init__(self, napari_viewer: napari.Viewer) -> None:
         super().__init__()
-        self.viewer = napari_viewer
+        # napari may hand out a proxy, whose layers are proxies of another type again.
+        self.viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.session = session_of(napari_viewer)
         self._connections: list[tuple[Any, Any]] = []
         self._layer_connections: list[tuple[Any, Any]] = []
