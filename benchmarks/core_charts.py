@@ -107,7 +107,7 @@ def measure_uv(atlas: unwrap3d.Atlas) -> Entries:
 def measure_topography(atlas: unwrap3d.Atlas) -> Entries:
     """Folded cells, and how many vertices come back to their place."""
     chart = atlas.topography
-    folded, cells = measures.folded_cells(chart.nodes, chart.first_layer)
+    folded, cells = measures.folded_cells(chart.nodes, chart.first_layer, chart.last_layer)
     vertices = atlas.surface.vertices
     image, there = atlas.map(vertices, "surface", "topography")
     back, again = atlas.map(image, "topography", "surface")

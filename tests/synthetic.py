@@ -123,6 +123,7 @@ def make_topography(surface: Surface, vertices: Floats, rows: int) -> Topography
         nodes=(CENTRE + radii * with_poles).astype(np.float32),
         d_um=d_um,
         first_layer=np.zeros(with_poles.shape[:2], dtype=np.int64),
+        last_layer=np.full(with_poles.shape[:2], len(d_um) - 1),
         mask=height(directions) > d_um[:, None, None],
         surface=flat,
         cut_vertices=flat,

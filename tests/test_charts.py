@@ -156,6 +156,7 @@ def test_topographies_have_rows_for_the_poles() -> None:
         rest = dict.fromkeys(
             (
                 "first_layer",
+                "last_layer",
                 "mask",
                 "surface",
                 "cut_vertices",

@@ -104,14 +104,14 @@ def chamfer(vertices: Floats, faces: Ints, other: Floats, other_faces: Ints, edg
 
 
 @numba.njit(cache=True)
-def folded_cells(nodes, first_layer):  # type: ignore[no-untyped-def]
+def folded_cells(nodes, first_layer, last_layer):  # type: ignore[no-untyped-def]
     """Folded cells of a (D, N + 2, 2N, 3) grid around a sphere, and the number of cells.
 
     A cell is folded when the Jacobian of (d, u, v) ↦ (z, y, x) is not positive at one of its
     eight corners. On a pole, where ∂/∂u vanishes, its limit along the row is taken. Cells
-    below the first layer of one of their four columns do not exist.
+    outside the layers that one of their four columns reaches do not exist.
     """
-    layers, rows, columns, _ = nodes.shape
+    _, rows, columns, _ = nodes.shape
     folded = 0
     cells = 0
     d = np.empty(3)
@@ -126,7 +126,13 @@ def folded_cells(nodes, first_layer):  # type: ignore[no-untyped-def]
                 first_layer[b + 1, c],
                 first_layer[b + 1, e],
             )
-            for a in range(first, layers - 1):
+            last = min(
+                last_layer[b, c],
+                last_layer[b, e],
+                last_layer[b + 1, c],
+                last_layer[b + 1, e],
+            )
+            for a in range(first, last):
                 cells += 1
                 good = True
                 for corner in range(8):

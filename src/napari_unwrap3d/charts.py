@@ -243,9 +243,12 @@ class SealedSurface(TriangleMesh):
     sealed : tuple of dict
         What was closed: one entry per handle, hole or cavity with its
         ``position_um`` (z, y, x), ``volume_um3`` and ``kind``.
+    membranes : Mask or None
+        The voxels that close handles and holes; None if there are none.
     """
 
     mask: Mask | None = None
+    membranes: Mask | None = None
     sealed: tuple[Mapping[str, Any], ...] = ()
 
 
@@ -351,8 +354,9 @@ class Topography:
         positions are trilinear. Nodes deeper than the shape allows repeat the deepest one.
     d_um : ndarray, (D,)
         Signed arc length of each layer from the reference in µm, outward positive.
-    first_layer : ndarray, (N + 2, 2N) int64
-        The deepest layer that each column reaches; 0 where it reaches all.
+    first_layer, last_layer : ndarray, (N + 2, 2N) int64
+        The deepest and the outermost layer that each column reaches. A column ends where
+        the shape allows no more, i.e. before cells would fold.
     mask : ndarray, (D, N, 2N) bool
         The cell's mask mapped into (d, v, u).
     surface : ndarray, (n, 3)
@@ -371,6 +375,7 @@ class Topography:
     nodes: npt.NDArray[np.float32]
     d_um: Floats
     first_layer: Ints
+    last_layer: Ints
     mask: npt.NDArray[np.bool_]
     surface: Floats
     cut_vertices: Floats

@@ -185,7 +185,7 @@ class SphereParameters(StepParameters):
     blend: float = setting(
         1.0, "Conformal – equiareal", "0 preserves angles, 1 preserves areas.", ge=0, le=1
     )
-    iterations: int = setting(30, "Iterations", "Upper limit of the equiareal flow.", ge=0, le=200)
+    iterations: int = setting(100, "Iterations", "Upper limit of the equiareal flow.", ge=0, le=200)
     tolerance: float = setting(
         0.003, "Tolerance", "Stop when mean |log λ| is below.", ge=1e-5, le=1
     )

@@ -236,11 +236,11 @@ def _with_heights(charts: dict[str, Any]) -> dict[str, Any]:
 
 def _stack(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
     source = pipeline.source
+    if isinstance(source, Surface):
+        return mask_of_mesh(closed_mesh(source), parameters.stack.working_voxel_um)
     if isinstance(source, Stack):
         return segment(source, parameters.stack, progress)
-    if isinstance(source, Mask):
-        return check_mask(source, parameters.stack, progress)
-    return mask_of_mesh(closed_mesh(source), parameters.stack.working_voxel_um)
+    return check_mask(source, parameters.stack, progress)
 
 
 def _surface(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
@@ -305,3 +305,4 @@ STEPS = (
 )
 STEP_NAMES = tuple(step.name for step in STEPS)
 _BY_NAME = {step.name: step for step in STEPS}
+

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 
 
 def rows_from_v(v: Floats, rows: int) -> Floats:
@@ -145,20 +146,127 @@ def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-unt
     return found, residual
 
 
-@numba.njit(nogil=True, cache=True)
-def count_folded(nodes, reached):  # type: ignore[no-untyped-def]
+def count_folded(
+    nodes: npt.NDArray[np.float32], first: Ints, last: Ints | None = None
+) -> tuple[int, int, float, float]:
     """Number of folded cells, number of cells checked, smallest and mean Jacobian.
 
     A cell is folded when the determinant of (∂d, ∂u, ∂v) is not positive at one of its eight
-    corners. Cells deeper than their streamlines reach are not cells; the corners that lie
-    on a pole have no volume and are left out.
+    corners. Cells outside the layers that their columns reach are not cells; the corners
+    that lie on a pole have no volume and are left out.
 
     Parameters
     ----------
     nodes : ndarray, (D, N + 2, 2N, 3) float32
-    reached : ndarray, (N + 2, 2N) int64
-        First layer that each column reaches.
+    first, last : ndarray, (N + 2, 2N) int64
+        First and last layer that each column reaches; by default the last of all.
     """
+    if last is None:
+        last = np.full(first.shape, len(nodes) - 1)
+    folded, cells, smallest, mean = _count_folded(nodes, first, last)
+    return int(folded), int(cells), float(smallest), float(mean)
+
+
+@numba.njit(nogil=True, cache=True)
+def repeat_ends(nodes, first, last):  # type: ignore[no-untyped-def]
+    """Let every column repeat its first and last node beyond the layers it reaches, in place."""
+    layers, rows, columns, _ = nodes.shape
+    for b in range(rows):
+        for c in range(columns):
+            for a in range(first[b, c]):
+                for k in range(3):
+                    nodes[a, b, c, k] = nodes[first[b, c], b, c, k]
+            for a in range(last[b, c] + 1, layers):
+                for k in range(3):
+                    nodes[a, b, c, k] = nodes[last[b, c], b, c, k]
+
+
+@numba.njit(nogil=True, cache=True)
+def trim_folded(nodes, first, last, low, high):  # type: ignore[no-untyped-def]
+    """Shorten columns to where their cells are not folded, in place.
+
+    Parameters
+    ----------
+    nodes : ndarray, (D, N + 2, 2N, 3) float32
+    first, last : ndarray, (N + 2, 2N) int64
+        First and last layer that each column reaches; moved past folded cells.
+    low, high : ndarray, (N + 2, 2N) int64
+        Layers between which a column must stay whole.
+
+    Returns
+    -------
+    int
+        Number of folded cells that are left, all within what must stay whole.
+    """
+    layers, rows, columns, _ = nodes.shape
+    p = np.empty((2, 2, 2, 3), np.float64)
+    left = 0
+    for b in range(rows - 1):
+        for c in range(columns):
+            e = c + 1 if c + 1 < columns else 0
+            begin = max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e]))
+            end = min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e]))
+            bottom = min(min(low[b, c], low[b, e]), min(low[b + 1, c], low[b + 1, e]))
+            top = max(max(high[b, c], high[b, e]), max(high[b + 1, c], high[b + 1, e]))
+            for a in range(begin, end):
+                lowest, _ = _lowest_determinant(nodes, a, b, c, e, p)
+                if lowest > 0:
+                    continue
+                if a < bottom:
+                    for r in (b, b + 1):
+                        for k in (c, e):
+                            first[r, k] = max(first[r, k], a + 1)
+                elif a >= top:
+                    for r in (b, b + 1):
+                        for k in (c, e):
+                            last[r, k] = min(last[r, k], a)
+                    break
+                else:
+                    left += 1
+    return left
+
+
+@numba.njit(nogil=True, cache=True)
+def _lowest_determinant(nodes, a, b, c, e, p):  # type: ignore[no-untyped-def]
+    """Smallest determinant of (∂d, ∂u, ∂v) at the corners of a cell, and their sum.
+
+    NaN counts as −∞.
+    """
+    rows = nodes.shape[1]
+    for i in range(2):
+        for j in range(2):
+            for k in range(3):
+                p[i, j, 0, k] = nodes[a + i, b + j, c, k]
+                p[i, j, 1, k] = nodes[a + i, b + j, e, k]
+    lowest = 1e300
+    total = 0.0
+    for j in range(2):
+        if (b == 0 and j == 0) or (b == rows - 2 and j == 1):
+            continue
+        for i in range(2):
+            for k in range(2):
+                d0 = p[1, j, k, 0] - p[0, j, k, 0]
+                d1 = p[1, j, k, 1] - p[0, j, k, 1]
+                d2 = p[1, j, k, 2] - p[0, j, k, 2]
+                v0 = p[i, 1, k, 0] - p[i, 0, k, 0]
+                v1 = p[i, 1, k, 1] - p[i, 0, k, 1]
+                v2 = p[i, 1, k, 2] - p[i, 0, k, 2]
+                u0 = p[i, j, 1, 0] - p[i, j, 0, 0]
+                u1 = p[i, j, 1, 1] - p[i, j, 0, 1]
+                u2 = p[i, j, 1, 2] - p[i, j, 0, 2]
+                det = (
+                    d0 * (u1 * v2 - u2 * v1)
+                    + d1 * (u2 * v0 - u0 * v2)
+                    + d2 * (u0 * v1 - u1 * v0)
+                )
+                total += det
+                if not det >= lowest:
+                    lowest = det if det < lowest else -1e300
+    return lowest, total
+
+
+@numba.njit(nogil=True, cache=True)
+def _count_folded(nodes, first, last):  # type: ignore[no-untyped-def]
     layers, rows, columns, _ = nodes.shape
     folded = 0
     cells = 0
@@ -169,45 +277,14 @@ def count_folded(nodes, reached):  # type: ignore[no-untyped-def]
         for b in range(rows - 1):
             for c in range(columns):
                 e = c + 1 if c + 1 < columns else 0
-                if a < max(
-                    max(reached[b, c], reached[b, e]), max(reached[b + 1, c], reached[b + 1, e])
-                ):
+                if a < max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e])):
                     continue
-                for i in range(2):
-                    for j in range(2):
-                        for k in range(3):
-                            p[i, j, 0, k] = nodes[a + i, b + j, c, k]
-                            p[i, j, 1, k] = nodes[a + i, b + j, e, k]
-                lowest = 1e300
-                bad = False
-                for j in range(2):
-                    if (b == 0 and j == 0) or (b == rows - 2 and j == 1):
-                        continue
-                    for i in range(2):
-                        for k in range(2):
-                            d0 = p[1, j, k, 0] - p[0, j, k, 0]
-                            d1 = p[1, j, k, 1] - p[0, j, k, 1]
-                            d2 = p[1, j, k, 2] - p[0, j, k, 2]
-                            v0 = p[i, 1, k, 0] - p[i, 0, k, 0]
-                            v1 = p[i, 1, k, 1] - p[i, 0, k, 1]
-                            v2 = p[i, 1, k, 2] - p[i, 0, k, 2]
-                            u0 = p[i, j, 1, 0] - p[i, j, 0, 0]
-                            u1 = p[i, j, 1, 1] - p[i, j, 0, 1]
-                            u2 = p[i, j, 1, 2] - p[i, j, 0, 2]
-                            det = (
-                                d0 * (u1 * v2 - u2 * v1)
-                                + d1 * (u2 * v0 - u0 * v2)
-                                + d2 * (u0 * v1 - u1 * v0)
-                            )
-                            # Not the other way round: NaN is folded, too.
-                            if not det > 0:
-                                bad = True
-                            if det < lowest:
-                                lowest = det
-                            total += det
+                if a >= min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e])):
+                    continue
+                lowest, part = _lowest_determinant(nodes, a, b, c, e, p)
                 cells += 1
-                if lowest < smallest:
-                    smallest = lowest
-                if bad:
+                total += part
+                smallest = min(smallest, lowest)
+                if not lowest > 0:
                     folded += 1
     return folded, cells, smallest, total / max(8 * cells, 1)

@@ -70,9 +70,12 @@ def mean_log_area_distortion(source: Floats, target: Floats, faces: Ints) -> flo
 
 
 def spherical_determinants(directions: Floats, faces: Ints) -> Floats:
-    """det[A B C] (m,) of every spherical triangle; positive where it is not flipped."""
+    """det[A B C] (m,) of every spherical triangle; positive where it is not flipped.
+
+    From the edges, A · ((B − A) × (C − A)), so that tiny triangles keep their sign.
+    """
     a, b, c = directions[faces[:, 0]], directions[faces[:, 1]], directions[faces[:, 2]]
-    determinants: Floats = np.einsum("ij,ij->i", a, np.cross(b, c))
+    determinants: Floats = np.einsum("ij,ij->i", a, np.cross(b - a, c - a))
     return determinants
 
 

@@ -13,8 +13,12 @@ import numpy.typing as npt
 from ..progress import Progress
 
 # Grids from coarse to fine, as strides of the full grid; each starts from the last one.
-STRIDES = (8, 4, 2)
-SWEEPS = (200, 80, 40)
+STRIDES = (16, 8, 4, 2)
+# Sweeps between two looks at the change, and at the most. The change is relative to the
+# value: far from `one` the function is tiny, and there too its direction must be right.
+BLOCK = 20
+MOST_SWEEPS = 1200
+SMALLEST_CHANGE = 3e-4
 
 
 def harmonic_between(
@@ -30,22 +34,25 @@ def harmonic_between(
     Returns
     -------
     ndarray, (ceil(z/2), ceil(y/2), ceil(x/2)) float32
-        Successive over-relaxation, coarse to fine; smooth rather than converged to the last
-        digit, which is enough for a direction field.
+        By successive over-relaxation, coarse to fine.
     """
     values: npt.NDArray[np.float32] | None = None
     previous = STRIDES[0]
-    for level, (stride, sweeps) in enumerate(zip(STRIDES, SWEEPS, strict=True)):
-        progress(level / len(STRIDES), "harmonic field")
+    for level, stride in enumerate(STRIDES):
         z = np.ascontiguousarray(zero[::stride, ::stride, ::stride])
         o = np.ascontiguousarray(one[::stride, ::stride, ::stride])
+        if not (z.any() and o.any()):
+            continue
         start = o.astype(np.float32)
         if values is not None:
             free = ~(z | o)
             grown = _refine(values, z.shape, previous // stride)
             start[free] = grown[free]
-        omega = 2.0 / (1.0 + np.pi / max(z.shape))
-        progress.run(_relax, start, z | o, sweeps, np.float32(omega))
+        omega = np.float32(2.0 / (1.0 + np.pi / max(z.shape)))
+        for _ in range(MOST_SWEEPS // BLOCK):
+            progress(level / len(STRIDES), "harmonic field")
+            if _relax(start, z | o, BLOCK, omega) < SMALLEST_CHANGE:
+                break
         values, previous = start, stride
     assert values is not None
     return values
@@ -68,9 +75,11 @@ def _refine(
 
 @numba.njit(nogil=True, cache=True)
 def _relax(values, fixed, sweeps, omega):  # type: ignore[no-untyped-def]
-    """Red-black successive over-relaxation, mirrored at the border, in place."""
+    """Red-black over-relaxation, mirrored at the border, in place; the last relative change."""
     nz, ny, nx = values.shape
+    largest = np.float32(0.0)
     for _ in range(sweeps):
+        largest = np.float32(0.0)
         for colour in range(2):
             for i in range(nz):
                 a, b = max(i - 1, 0), min(i + 1, nz - 1)
@@ -88,4 +97,7 @@ def _relax(values, fixed, sweeps, omega):  # type: ignore[no-untyped-def]
                             + values[i, j, e]
                             + values[i, j, f]
                         ) * np.float32(1.0 / 6.0)
-                        values[i, j, k] += omega * (mean - values[i, j, k])
+                        change = mean - values[i, j, k]
+                        values[i, j, k] += omega * change
+                        largest = max(largest, abs(change) / (abs(mean) + np.float32(1e-30)))
+    return largest

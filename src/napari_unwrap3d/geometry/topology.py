@@ -16,8 +16,8 @@ from ..errors import EmptyMaskError, MapError
 from .distance import distance_to
 from .simple_points import Solid, change_simple_points
 
-# Hulls are tried from tight to wide; a wider group needs more room around the mask.
-HULL_RADII = ((1, 2, 3, 5), (8, 12, 20), (35, 60))
+# Hulls are tried from tight to wide.
+HULL_RADII = (1, 2, 4, 8, 16, 32, 64)
 MARGIN = 3
 
 
@@ -133,23 +133,25 @@ def seal(mask: Solid) -> Solid:
         raise EmptyMaskError("There is nothing to seal: the mask is empty.", voxels=0)
     box = ndimage.find_objects(mask.astype(np.uint8))[0]
     inner = fill_cavities(mask[box])
-    for radii in HULL_RADII:
-        pad = radii[-1] + MARGIN
-        solid = np.pad(inner, pad)
-        distance = distance_to(solid)
-        hulls = (_hull(distance, radius) for radius in radii)
-        hull = next((hull for hull in hulls if _is_ball(hull)), None)
-        if hull is not None:
-            break
-    if hull is None:
-        hull = np.zeros(solid.shape, bool)
-        hull[1:-1, 1:-1, 1:-1] = True
+    solid = np.pad(inner, MARGIN)
+    distance = distance_to(solid)
+    hulls = (_hull(distance, radius) for radius in HULL_RADII)
+    hull = next((hull for hull in hulls if _is_ball(hull)), _inside(solid.shape))
     ball = change_simple_points(hull, hull & ~solid, distance, new_value=False)
-    return _place(ball, box, mask.shape, pad)
+    return _place(ball, box, mask.shape, MARGIN)
+
+
+def _inside(shape: tuple[int, ...]) -> Solid:
+    """Everything but the border of the array, which must stay empty."""
+    inside = np.zeros(shape, bool)
+    inside[1:-1, 1:-1, 1:-1] = True
+    return inside
 
 
 def _hull(distance: npt.NDArray[np.float32], radius: int) -> Solid:
-    return fill_cavities(make_well_composed(fill_cavities(distance <= radius)))
+    """What lies within a radius of the solid, cut off at the border and without cavities."""
+    near = (distance <= radius) & _inside(distance.shape)
+    return fill_cavities(make_well_composed(fill_cavities(near)) & _inside(distance.shape))
 
 
 def _is_ball(hull: Solid) -> bool:

@@ -79,7 +79,7 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
     back, _ = topography_to_world(chart, chart.surface[mapped])
     miss = np.linalg.norm(back - surface.vertices[mapped], axis=1) / voxel_um
     exact = int((miss <= ROUND_TRIP_VOXELS).sum())
-    cells = int((len(chart.d_um) - 1 - chart.first_layer).clip(min=0).sum())
+    cells = int((chart.last_layer - chart.first_layer).clip(min=0).sum())
     vertices, faces = chart.meshed_vertices, chart.meshed_faces
     report = mesh_report(vertices, faces)
     return {

@@ -18,7 +18,7 @@ from scipy import ndimage
 from ..charts import Floats, Ints, Mask, Reference, SealedSurface, Volume
 from ..errors import NotGenusZeroError
 from ..geometry.curvature import mean_curvature, total_absolute_curvature
-from ..geometry.distance import signed_distance
+from ..geometry.distance import distance_to, signed_distance
 from ..geometry.laplacian import Factor, conjugate_gradient, cotangent_laplacian, vertex_mass
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import euler_characteristic, face_areas, is_watertight
@@ -34,6 +34,9 @@ MASS_FLOOR = 1e-14
 SOLVER_TOLERANCE = 1e-9
 SOLVER_ITERATIONS = 12
 FIT_ROUNDS = 10
+PLUG_FRACTION = 0.25
+PLUG_DEPTH_FRACTION = 0.6
+SPIKE_RADIUS_VOXELS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,11 +73,13 @@ def reference(
     """
     if sealed.mask is None:
         raise NotGenusZeroError("The sealed surface has no mask.", hint="Make it with seal().")
-    flow = conformalized_flow(sealed.vertices, sealed.faces, parameters, progress.part(0, 0.6))
-    placed = fit_to(flow.vertices, sealed.vertices, vertex_mass(sealed.vertices, sealed.faces))
     mask = sealed.mask
+    start, start_faces = plugged(sealed, mask)
+    flow = conformalized_flow(start, start_faces, parameters, progress.part(0.05, 0.6))
+    placed = fit_to(flow.vertices, start, vertex_mass(start, start_faces))
     progress(0.62, "voxelising the reference")
-    solid = seal(_largest(voxelize(mask.to_index(placed), sealed.faces, mask.shape)))
+    inside = voxelize(mask.to_index(placed), start_faces, mask.shape)
+    solid = seal(_largest(without_spikes(_largest(inside))))
     progress(0.72, "meshing the reference")
     level = level_function(solid, parameters.smoothing_voxels)
     vertices, faces = mesh_level(level, parameters.vertex_fraction, progress.part(0.75, 0.95))
@@ -96,6 +101,42 @@ def reference(
         total_curvature=flow.total_curvature,
         stopped_by=flow.stopped_by,
     )
+
+
+def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
+    """The sealed surface with its membranes made as thick as the shape around them.
+
+    A membrane of one voxel would stay a crease in the reference, into which no normals
+    lead; a plug smooths away.
+    """
+    if sealed.membranes is None:
+        return sealed.vertices, sealed.faces
+    solid = mask.data.copy()
+    labels, _ = ndimage.label(sealed.membranes.data, structure=np.ones((3, 3, 3)))
+    deepest = float(distance_to(~mask.data).max())
+    for part, box in enumerate(ndimage.find_objects(labels), start=1):
+        radius = np.sqrt((labels[box] == part).sum() / np.pi)
+        thick = min(PLUG_FRACTION * radius, PLUG_DEPTH_FRACTION * deepest)
+        pad = int(np.ceil(thick)) + 1
+        wide = tuple(
+            slice(max(b.start - pad, 0), min(b.stop + pad, n))
+            for b, n in zip(box, mask.shape, strict=True)
+        )
+        solid[wide] |= distance_to(labels[wide] == part) <= thick
+    vertices, faces = clamped_marching_cubes(level_function(seal(solid), 1.0))
+    return mask.to_world(vertices), faces
+
+
+def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
+    """Opening by a small ball: spikes that the flow draws out of long arms are cut off.
+
+    A solid that would lose more than a tenth is thin all over and is left as it is.
+    """
+    core = distance_to(~solid) > SPIKE_RADIUS_VOXELS
+    if not core.any():
+        return solid
+    opened: npt.NDArray[np.bool_] = solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS)
+    return opened if opened.sum() > 0.9 * solid.sum() else solid
 
 
 def conformalized_flow(

@@ -8,14 +8,19 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from ..charts import Mask, SealedSurface, Surface
+from ..charts import Ints, Mask, SealedSurface, Surface
 from ..errors import EmptyMaskError, TooSmallError
 from ..geometry.curvature import angle_deficit, mean_curvature
 from ..geometry.distance import signed_distance
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
-from ..geometry.mesh import genus, is_watertight, mesh_report
+from ..geometry.mesh import (
+    connected_components,
+    euler_characteristic,
+    is_watertight,
+    mesh_report,
+)
 from ..geometry.repair import repair
-from ..geometry.topology import seal, sealed_parts
+from ..geometry.topology import fill_cavities, seal, sealed_parts
 from ..parameters import SurfaceParameters
 from ..progress import Progress
 
@@ -130,14 +135,25 @@ def sealed_surface(
         }
         for part in sealed_parts(solid, ball)
     )
-    if is_watertight(surface.faces) and genus(surface.faces) == 0:
+    if is_sphere(surface.faces):
         vertices, faces = surface.vertices, surface.faces
     else:
         index, faces = clamped_marching_cubes(field_with_sign(field, ball))
         vertices = mask.to_world(index)
+    added = ball & ~fill_cavities(solid)
     return SealedSurface(
         vertices=vertices,
         faces=faces,
         mask=Mask(ball, mask.voxel_size, mask.origin),
+        membranes=Mask(added, mask.voxel_size, mask.origin) if added.any() else None,
         sealed=parts,
     )
+
+
+def is_sphere(faces: Ints) -> bool:
+    """Whether a mesh is one closed piece without handles.
+
+    The wall of a cavity is a piece of its own, so the genus alone does not tell.
+    """
+    closed = is_watertight(faces) and euler_characteristic(faces) == 2
+    return closed and int(connected_components(faces)[0].max()) == 0

@@ -11,7 +11,14 @@ from scipy import ndimage
 from scipy.spatial import cKDTree
 
 from ..charts import UV, Floats, Ints, Mask, Reference, Sphere, Surface, Topography, Volume
-from ..geometry.curvilinear import count_folded, evaluate, invert, rows_from_v, v_from_rows
+from ..geometry.curvilinear import (
+    evaluate,
+    invert,
+    repeat_ends,
+    rows_from_v,
+    trim_folded,
+    v_from_rows,
+)
 from ..geometry.interpolate import sample_linear
 from ..geometry.locate import SphericalLocator, interpolate
 from ..geometry.padding import wrap_uv
@@ -30,6 +37,8 @@ COLUMNS_PER_REPORT = 16384
 FOUND_VOXELS = 1e-3
 NEWTON_ITERATIONS = 40
 STARTS = 6
+# Around a vertex's pixel, columns within so many pixels stay whole.
+NEEDED_PIXELS = 3
 
 
 def topography(
@@ -64,15 +73,19 @@ def topography(
         voxel_step,
         progress.part(0.2, 0.55),
     )
-    folded = int(progress.run(count_folded, nodes, first_layer)[0])
-    progress(0.65, "mapping the surface")
+    progress(0.6, "mapping the surface")
     edge = mask.voxel_size[0]
     step_um = voxel_step * edge
     nodes *= np.float32(edge)
     nodes += np.asarray(field.distance.origin, dtype=np.float32)
-    d_um = (np.arange(len(nodes)) - inward) * step_um
+    d_um: Floats = (np.arange(len(nodes)) - inward) * step_um
     locator = TopographyLocator(nodes, d_um, edge)
-    image, _ = locator.locate(surface.vertices, progress.part(0.65, 0.8))
+    image, _ = locator.locate(surface.vertices, progress.part(0.6, 0.7))
+    progress(0.7, "checking the Jacobian")
+    low, high = _layers_needed(image, d_um, first_layer.shape, inward)
+    last_layer = np.full(first_layer.shape, len(nodes) - 1)
+    folded = progress.run(trim_folded, nodes, first_layer, last_layer, low, high)
+    repeat_ends(nodes, first_layer, last_layer)
     progress(0.8, "mapping the mask")
     level = _mapped_level(nodes, mask, surface_parameters)
     progress(0.85, "meshing the topographic surface")
@@ -83,6 +96,7 @@ def topography(
         nodes=nodes,
         d_um=d_um,
         first_layer=first_layer,
+        last_layer=last_layer,
         mask=level[:, 1:-1] > 0,
         surface=image,
         cut_vertices=vertices,
@@ -90,7 +104,7 @@ def topography(
         cut_origin=origin,
         meshed_vertices=meshed_vertices,
         meshed_faces=meshed[1],
-        folded_cells=folded,
+        folded_cells=int(folded),
     )
 
 
@@ -183,6 +197,35 @@ def trace_nodes(
     return nodes, first.reshape(rows, columns)
 
 
+def _layers_needed(
+    image: Floats, d_um: Floats, shape: tuple[int, ...], reference_layer: int
+) -> tuple[Ints, Ints]:
+    """Lowest and highest layer of each column that the surface around it needs.
+
+    Parameters
+    ----------
+    image : ndarray, (n, 3)
+        (d µm, v, u) of the surface's vertices, NaN where one has no image.
+    d_um : ndarray, (D,)
+    shape : (N + 2, 2N)
+    reference_layer : int
+        Needed by every column.
+    """
+    found = image[np.isfinite(image).all(axis=1)]
+    layer = (found[:, 0] - d_um[0]) / (d_um[1] - d_um[0])
+    row = np.clip(np.rint(found[:, 1]).astype(np.int64) + 1, 0, shape[0] - 1)
+    column = np.rint(found[:, 2]).astype(np.int64) % shape[1]
+    low = np.full(shape, reference_layer)
+    high = np.full(shape, reference_layer + 1)
+    np.minimum.at(low, (row, column), np.floor(layer).astype(np.int64) - 1)
+    np.maximum.at(high, (row, column), np.ceil(layer).astype(np.int64) + 1)
+    size, mode = 2 * NEEDED_PIXELS + 1, ("nearest", "wrap")
+    return (
+        ndimage.minimum_filter(low, size=size, mode=mode),
+        ndimage.maximum_filter(high, size=size, mode=mode),
+    )
+
+
 def _mapped_level(
     nodes: npt.NDArray[np.float32], mask: Mask, parameters: SurfaceParameters
 ) -> npt.NDArray[np.float32]:
@@ -211,7 +254,8 @@ class TopographyLocator:
         layers, rows, columns = nodes.shape[:3]
         row_stride = max(rows // 64, 1)
         self._layers = np.arange(0, layers, 4)
-        self._rows = np.arange(0, rows, row_stride)
+        # Without the poles, whose nodes are all one place: a start there is as good as none.
+        self._rows = np.arange(1, rows - 1, row_stride)
         self._columns = np.arange(0, columns, row_stride)
         coarse = nodes[np.ix_(self._layers, self._rows, self._columns)]
         self._tree = cKDTree(coarse.reshape(-1, 3), balanced_tree=False, compact_nodes=False)
@@ -268,7 +312,7 @@ def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]
     row = np.clip(np.rint(grid[:, 1]).astype(np.int64), 0, rows + 1)
     column = np.rint(grid[:, 2]).astype(np.int64) % (2 * rows)
     valid = (layer >= chart.first_layer[row, column] - slack) & (
-        layer <= len(chart.d_um) - 1 + slack
+        layer <= chart.last_layer[row, column] + slack
     )
     valid &= np.isfinite(grid).all(axis=1)
     world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
