@@ -10,8 +10,14 @@ from napari_unwrap3d.geometry.mesh import orient_outward, signed_volume
 from napari_unwrap3d.parameters import Parameters
 
 VOXEL_UM = 0.1
-# Enough for a small cell and quickly there: the flow of a coarse mesh does not get far below.
-QUICK = Parameters.from_dict({"sphere": {"tolerance": 0.006}, "uv": {"rows": 64}})
+# Enough for a small cell, quickly there, and its reference has none of the bumps.
+QUICK = Parameters.from_dict(
+    {
+        "reference": {"stop": "fixed", "fixed_iteration": 10},
+        "sphere": {"tolerance": 0.006},
+        "uv": {"rows": 64},
+    }
+)
 
 
 def grid(shape: tuple[int, int, int] | int) -> Floats:
@@ -87,33 +93,37 @@ def directions(count: int, seed: int = 0) -> Floats:
 
 
 # Where the bumps of the small cell are: axis (z, y, x), distance of the centre, radius. All
-# different, so that a mirrored cell is another cell; the last one overhangs the cortex.
+# different, so that a mirrored cell is another cell. The last one is the cap of a mushroom,
+# which overhangs the cortex.
 BUMPS = (
-    ((1.0, 0.1, 0.2), 18.0, 7.0),
-    ((-0.2, 1.0, 0.3), 18.5, 5.5),
-    ((0.1, -0.4, 1.0), 18.0, 4.5),
-    ((-0.6, -0.5, -0.6), 23.0, 5.5),
+    ((1.0, 0.1, 0.2), 18.0, 6.0),
+    ((-0.2, 1.0, 0.3), 18.5, 5.0),
+    ((0.1, -0.4, 1.0), 17.5, 4.0),
+    ((-0.6, -0.5, -0.6), 27.0, 6.5),
 )
 CORTEX = 17.0
-CELL_SHAPE = 68
+STALK = 2.6
+CELL_SHAPE = 76
+CELL_ORIGIN = (1.0, -2.0, 3.0)
 
 
 def small_cell_mask(*, handle: bool = False) -> Mask:
-    """A ball of 17 voxels with four bumps, one of them mushroom-like, off the origin.
-
-    With `handle`, an arch stands on it, so its genus is 1.
-    """
+    """A ball with three bumps and a mushroom; with `handle` also an arch, so its genus is 1."""
     points = grid(CELL_SHAPE)
     solid = np.linalg.norm(points, axis=-1) < CORTEX
     for axis, distance, radius in BUMPS:
         unit = np.array(axis) / np.linalg.norm(axis)
         solid |= np.linalg.norm(points - distance * unit, axis=-1) < radius
-    unit = np.array(BUMPS[3][0]) / np.linalg.norm(BUMPS[3][0])
     along = points @ unit
-    neck = np.linalg.norm(points - along[..., None] * unit, axis=-1) < 3.5
-    solid |= neck & (along > 0) & (along < 22)
+    across = np.linalg.norm(points - along[..., None] * unit, axis=-1)
+    solid |= (across < STALK) & (along > 0) & (along < distance)
     if handle:
         z, y, x = np.moveaxis(points, -1, 0)
         ring = np.hypot(z, x + CORTEX + 1.0)
         solid |= np.hypot(ring - 6.0, y) < 2.6
-    return Mask(solid, (VOXEL_UM,) * 3, (1.0, -2.0, 3.0))
+    return Mask(solid, (VOXEL_UM,) * 3, CELL_ORIGIN)
+
+
+def cell_centre() -> Floats:
+    """Centre of the small cell's ball in µm."""
+    return np.array(CELL_ORIGIN) + VOXEL_UM * (CELL_SHAPE - 1) / 2

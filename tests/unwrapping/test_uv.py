@@ -19,7 +19,7 @@ from napari_unwrap3d.unwrapping.uv import (
     uv,
     uv_to_direction,
 )
-from shapes import BUMPS, directions, icosphere, lumpy
+from shapes import BUMPS, cell_centre, directions, icosphere, lumpy
 
 RADIUS = 3.0
 
@@ -103,7 +103,7 @@ def test_the_image_is_not_mirrored(small_atlas: Atlas) -> None:
 
 def test_the_bumps_are_around_each_other_as_in_space(small_atlas: Atlas) -> None:
     """A chiral cell: going round the fourth bump, the others come in the same order."""
-    centre = small_atlas.mask.to_world((np.array(small_atlas.mask.shape) - 1) / 2)
+    centre = cell_centre()
     axes = np.array([np.array(axis) / np.linalg.norm(axis) for axis, _, _ in BUMPS])
     reference = small_atlas.reference.vertices - centre
     nearest = [

@@ -9,10 +9,10 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-# Rows next to a pole in which faces are drawn in the plane around it; at least so many, and
-# at least this fraction of all.
-POLE_ROWS = 8
-POLE_FRACTION = 1 / 32
+# Rows next to a pole in which faces are drawn in the plane around it: at least so many, and
+# at least so many times the height of the faces.
+POLE_ROWS = 8.0
+POLE_FACES = 4.0
 
 
 def outermost_faces(vertices: Floats, faces: Ints, rows: int) -> tuple[Ints, Floats, Floats]:
@@ -45,7 +45,7 @@ def outermost_faces(vertices: Floats, faces: Ints, rows: int) -> tuple[Ints, Flo
     weights = np.zeros((rows, 2 * rows, 3))
     height = np.full((rows, 2 * rows), -np.inf)
     v, u = points[:, 1][triangles], points[:, 2][triangles]
-    band = max(float(POLE_ROWS), POLE_FRACTION * rows)
+    band = min(max(POLE_ROWS, POLE_FACES * _usual_height(v)), 0.4 * rows)
     wide = np.ptp(u, axis=1) > 0.5 * rows
     from_pole = np.minimum(v, rows - 1 - v).min(axis=1)
     in_image = np.flatnonzero(~wide & (from_pole > 0.5 * band))
@@ -57,6 +57,11 @@ def outermost_faces(vertices: Floats, faces: Ints, rows: int) -> tuple[Ints, Flo
         _raster_pole(points, triangles, chosen, south, face, weights, height)
     height[face < 0] = np.nan
     return face, weights, height
+
+
+def _usual_height(v: Floats) -> float:
+    """Rows that all but a few faces span at the most."""
+    return float(np.quantile(np.ptp(v, axis=1), 0.99)) if len(v) else 0.0
 
 
 @numba.njit(nogil=True, cache=True)
