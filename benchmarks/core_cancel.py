@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 from common import results
-from common.cases import HALF, simulated
+from common.cases import FULL, simulated
 from common.children import run_child
 from common.results import Bar, Entries
 from core_speed import parameters
@@ -35,7 +35,7 @@ def run_all() -> dict[str, Any]:
     """Latencies in seconds, and the step of each moment."""
     mask = simulated("blebs", 0).truth.mask
     first = unwrap3d.Pipeline(mask)
-    first.run(parameters(HALF))
+    first.run(parameters(FULL))
     durations = {name: kept.seconds for name, kept in first.kept.items()}
     moments = np.sort(np.random.default_rng(SEED).uniform(0, sum(durations.values()), MOMENTS))
     latencies, steps = [], []
@@ -62,7 +62,7 @@ def latency(pipeline: unwrap3d.Pipeline, step: str, offset: float) -> float:
 
     def run() -> None:
         try:
-            pipeline.run(parameters(HALF), progress)
+            pipeline.run(parameters(FULL), progress)
         except unwrap3d.Cancelled:
             pass
         except unwrap3d.Unwrap3DError as error:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import napari_unwrap3d as unwrap3d
 
 DATA = Path(__file__).resolve().parents[3] / "shared" / "data"
@@ -21,7 +19,6 @@ FULL, HALF = 512, 256  # rows N of the uv image: 1024 × 512 and 512 × 256 pixe
 # Every cell of the ovule's crop reaches its border. These are the five largest of which less
 # than 4 % of the voxels lie on it; they are closed there with a flat cut.
 OVULE_LABELS = (525, 809, 673, 292, 165)
-OVULE_VOXEL = (0.235, 0.15, 0.15)
 
 Source = unwrap3d.Stack | unwrap3d.Mask | unwrap3d.Surface
 
@@ -143,12 +140,13 @@ def _droplet() -> list[Case]:
 
 def _ovule() -> list[Case]:
     path = DATA / "stacks" / "plantseg_sample_ovule.h5"
-
-    def load(label: int) -> Source:
-        labels = np.asarray(unwrap3d.read_stack(path, dataset="label").data)
-        return unwrap3d.Mask(np.pad(labels == label, 4), OVULE_VOXEL)
-
     return [
-        Case(f"ovule-{label}", lambda label=label: load(label), rows=HALF, file=path)
+        Case(
+            f"ovule-{label}",
+            lambda: unwrap3d.read_stack(path, dataset="label"),
+            rows=HALF,
+            parameters={"stack": {"label": label}},
+            file=path,
+        )
         for label in OVULE_LABELS
     ]
