@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from napari_unwrap3d.viewer.layers import (
     atlas_layers,
     chart_layers,
     facing_outwards,
+    flat_surface,
 )
 from synthetic import CENTRE, RADIUS
 
@@ -143,6 +145,16 @@ def test_a_missing_chart_has_no_layers(round_cell: Atlas) -> None:
     charts = {"reference": round_cell.reference, "sphere": round_cell.sphere}
     made = chart_layers("sphere", charts, Layout.of(charts))
     assert [attributes["name"] for _, attributes, _ in made] == ["sphere (conformal)", "sphere"]
+
+
+def test_the_flat_surface_stays_over_the_image(round_cell: Atlas) -> None:
+    old = round_cell.topography
+    far = old.cut_vertices.copy()
+    far[old.cut_faces[0, 0], 2] = 3 * old.shape[2]
+    cut, kept = flat_surface(replace(old, cut_vertices=far))
+    assert cut.vertices[:, 2].max() < 1.1 * old.shape[2]
+    assert len(cut.faces) > 0.98 * len(old.cut_faces)
+    np.testing.assert_array_equal(cut.vertices, far[kept])
 
 
 def test_the_flat_mesh_faces_the_viewer() -> None:

@@ -21,6 +21,7 @@ from napari_unwrap3d.viewer.placing import chart_of
 from napari_unwrap3d.viewer.session import session_of
 from napari_unwrap3d.viewer.threads import THREAD_NAME
 from napari_unwrap3d.viewer.unwrap_widget import ASK_VOXEL_SIZE, NO_LAYER, UnwrapWidget
+from synthetic import icosphere
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
 SECONDS = 20_000
@@ -227,6 +228,15 @@ def test_the_layers_to_choose_from_follow_the_viewer(dock: Dock, stack: np.ndarr
     assert widget.run_button.isEnabled()
     del viewer.layers["stack"]
     assert widget.note.text() == NO_LAYER
+
+
+def test_a_mesh_needs_no_threshold(dock: Dock) -> None:
+    viewer, widget = dock()
+    vertices, faces = icosphere(1)
+    viewer.add_surface((vertices, faces), units=("µm",) * 3)
+    assert widget.run_button.isEnabled()
+    assert not widget.form.entries["stack.threshold"].widget.native.isVisibleTo(widget)
+    assert widget.form.entries["reference.curvature_limit"].widget.native.isVisibleTo(widget)
 
 
 def test_presets_and_reset(dock: Dock) -> None:

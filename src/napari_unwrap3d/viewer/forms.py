@@ -23,10 +23,11 @@ from magicgui.widgets import (
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from qtpy.QtCore import QEvent, QObject, Qt, Signal
-from qtpy.QtWidgets import QFormLayout, QLabel, QWidget
+from qtpy.QtWidgets import QFormLayout, QLabel, QSizePolicy, QWidget
 
 AUTOMATIC = "automatic"
 LARGEST = 1_000_000
+FIELD_WIDTH = 110
 
 
 class WheelGuard(QObject):
@@ -120,6 +121,9 @@ class ParametersForm(QWidget):
             title = QLabel(entry.label)
             title.setToolTip(entry.widget.tooltip)
             entry.widget.changed.connect(self._on_changed)
+            # Narrower than Qt would have it, so that long names and a scroll bar fit in.
+            entry.widget.native.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+            entry.widget.native.setMinimumWidth(FIELD_WIDTH)
             for part in (entry.widget.native, *entry.widget.native.findChildren(QWidget)):
                 part.installEventFilter(self._guard)
             self.entries[path] = entry

@@ -269,8 +269,10 @@ def _uv(uv: UV, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
             "scale": (pixel, pixel),
             "translate": np.add(layout.uv, pixel / 2),
             "visible": field == names[-1],
-            # As a volume the image would be one world unit thick in 3D, and blurred.
+            # In 3D, as a volume it would be one world unit thick and blurred, and as a
+            # maximum projection what is below the contrast limits would be missing.
             "depiction": "plane",
+            "rendering": "translucent",
         }
         values = np.asarray(uv.fields[field])
         layers.append((values, attributes | _colours(field, values), "image"))
@@ -285,7 +287,7 @@ def uv_pixel_um(rows: int, radius: float) -> float:
 def _topography(
     topography: Topography, charts: Mapping[str, Any], layout: Layout
 ) -> list[LayerData]:
-    _, rows, columns = topography.shape
+    _, rows, _ = topography.shape
     pixel = uv_pixel_um(rows, layout.radius)
     corner = np.add(layout.topography, (0.0, pixel / 2, pixel / 2))
     step = float(np.diff(topography.d_um).mean()) if len(topography.d_um) > 1 else 1.0
@@ -303,17 +305,27 @@ def _topography(
     carried["scale"] = (1.0, pixel, pixel)
     surface: Surface | None = charts.get("surface")
     values = None if surface is None else surface.fields.get(CURVATURE)
-    # Around a pole a face spans any range of u; drawn flat it would reach far out of the image.
-    reach = topography.cut_vertices[topography.cut_faces, 2].max(axis=1)
-    faces = topography.cut_faces[reach < columns * (1 + OVERHANG)]
-    faces = facing_outwards(topography.cut_vertices, faces)
-    cut = TriangleMesh(topography.cut_vertices, faces)
+    cut, kept = flat_surface(topography)
     layers = [
         (topography.mask.view(np.uint8), mask, "labels"),
         _mesh(TriangleMesh(topography.meshed_vertices, topography.meshed_faces), meshed, None),
-        _mesh(cut, carried, None if values is None else values[topography.cut_origin]),
+        _mesh(cut, carried, None if values is None else values[topography.cut_origin[kept]]),
     ]
     return layers
+
+
+def flat_surface(topography: Topography) -> tuple[TriangleMesh, npt.NDArray[np.int64]]:
+    """The surface over the (u, v) plane, lit from +d, and which cut vertices it has.
+
+    Around a pole a face spans any range of u, and drawn flat it would reach far out of
+    the image; the few faces that do are left out.
+    """
+    vertices, faces = topography.cut_vertices, topography.cut_faces
+    columns = topography.shape[2]
+    faces = faces[vertices[faces, 2].max(axis=1) < columns * (1 + OVERHANG)]
+    kept, inverse = np.unique(faces, return_inverse=True)
+    faces = facing_outwards(vertices[kept], inverse.reshape(-1, 3))
+    return TriangleMesh(vertices[kept], faces), kept
 
 
 def facing_outwards(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> npt.NDArray[Any]:

@@ -26,7 +26,7 @@ from qtpy.QtWidgets import (
 
 from ..errors import Unwrap3DError
 from ..files.project import SUFFIX, save_project
-from ..parameters import PRESETS, Parameters
+from ..parameters import PRESETS, Parameters, StackParameters
 from ..pipeline import STEP_NAMES
 from .forms import ParametersForm
 from .session import session_of
@@ -71,7 +71,8 @@ class VoxelSizeBox(QWidget):
             box.setRange(0.0, 1000.0)
             box.setDecimals(4)
             box.setSingleStep(0.01)
-            box.setSpecialValueText("?")
+            box.setPrefix(f"{axis} ")
+            box.setSpecialValueText(f"{axis} ?")
             box.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
             box.setMinimumWidth(48)
             box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -246,12 +247,12 @@ class UnwrapWidget(QWidget):
             hidden -= {"stack.channel"} if "c" in axes else set()
         if kind == "Labels":
             hidden -= {"stack.label"}
-        if kind != "Image":
-            hidden |= {
-                f"stack.{name}"
-                for name in Parameters().stack.__class__.model_fields
-                if name.startswith(("smoothing", "background", "threshold"))
-            }
+        names = StackParameters.model_fields
+        if kind == "Labels":
+            segmenting = ("smoothing", "background", "threshold")
+            hidden |= {f"stack.{name}" for name in names if name.startswith(segmenting)}
+        elif kind == "Surface":
+            hidden |= {f"stack.{name}" for name in names if name != "working_voxel_um"}
         self.form.hide_entries(hidden)
 
     def _update_ready(self) -> None:
