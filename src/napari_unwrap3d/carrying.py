@@ -11,7 +11,7 @@ from scipy import ndimage
 from .charts import Floats, TriangleMesh, Volume
 from .errors import AxesError, ChartMissingError
 from .geometry.interpolate import sample_linear, sample_nearest
-from .geometry.locate import interpolate, majority_label
+from .geometry.locate import interpolate, interpolated_label
 from .geometry.padding import sample_uv_linear, sample_uv_nearest
 from .progress import Progress
 from .unwrapping.topography import sample_volume
@@ -170,7 +170,7 @@ def _at_places(
     mesh: TriangleMesh, values: npt.NDArray[Any], face: Any, weights: Floats, kind: str
 ) -> npt.NDArray[Any]:
     if kind == "label":
-        return majority_label(values, mesh.faces, face, weights)
+        return interpolated_label(values, mesh.faces, face, weights)
     return interpolate(values, mesh.faces, face, weights)
 
 

@@ -121,7 +121,8 @@ class Pipeline:
             part = report.named(step.name)
             part(0.0, "starting")
             start = time.perf_counter()
-            value, numbers = step.function(self, chosen, part)
+            # In a thread, so that a cancellation need not wait for the next check within it.
+            value, numbers = part.run(step.function, self, chosen, part)
             seconds = time.perf_counter() - start
             self.kept[step.name] = Kept(key, value, numbers, seconds)
             logger.info("%s took %.2f s", step.name, seconds)
@@ -253,7 +254,7 @@ def _sealed(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> A
     chart = sealed_surface(
         pipeline.value("stack"), pipeline.value("surface"), parameters.surface, progress
     )
-    return chart, measure.measure_sealed(chart)
+    return chart, measure.measure_sealed(pipeline.value("surface"), chart)
 
 
 def _reference(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:

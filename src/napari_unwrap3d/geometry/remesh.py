@@ -38,6 +38,14 @@ def simplify(vertices: Floats, faces: Ints, target_vertices: int) -> tuple[Float
     return np.asarray(reduced, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
 
 
+def subdivide(vertices: Floats, faces: Ints) -> tuple[Floats, Ints]:
+    """Every face cut into four at the midpoints of its edges."""
+    import igl
+
+    finer, triangles = igl.upsample(vertices, faces, 1)
+    return np.asarray(finer, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
+
+
 def relax(
     vertices: Floats,
     faces: Ints,

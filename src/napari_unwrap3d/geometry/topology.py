@@ -133,6 +133,8 @@ def seal(mask: Solid) -> Solid:
         raise EmptyMaskError("There is nothing to seal: the mask is empty.", voxels=0)
     box = ndimage.find_objects(mask.astype(np.uint8))[0]
     inner = fill_cavities(mask[box])
+    if _is_ball(inner) and is_well_composed(np.pad(inner, 1)):
+        return _place(inner, box, mask.shape, 0)
     solid = np.pad(inner, MARGIN)
     distance = distance_to(solid)
     hulls = (_hull(distance, radius) for radius in HULL_RADII)

@@ -13,7 +13,13 @@ from ..geometry.distortion import (
     mean_conformal_error,
     mean_log_area_distortion,
 )
-from ..geometry.mesh import mesh_report, signed_volume
+from ..geometry.mesh import (
+    euler_characteristic,
+    face_areas,
+    is_watertight,
+    mesh_report,
+    signed_volume,
+)
 from .topography import topography_to_world
 
 ROUND_TRIP_VOXELS = 0.01
@@ -21,8 +27,10 @@ ROUND_TRIP_VOXELS = 0.01
 Numbers = dict[str, Any]
 
 
-def measure_sealed(sealed: SealedSurface) -> Numbers:
+def measure_sealed(surface: Surface, sealed: SealedSurface) -> Numbers:
     """What was closed, and the topology and quality of the sealed surface."""
+    same = sealed.faces is surface.faces
+    report = surface.report if same else mesh_report(sealed.vertices, sealed.faces)
     parts: dict[str, int] = {}
     for part in sealed.sealed:
         parts[part["kind"]] = parts.get(part["kind"], 0) + 1
@@ -30,7 +38,7 @@ def measure_sealed(sealed: SealedSurface) -> Numbers:
         "sealed_parts": len(sealed.sealed),
         **{f"sealed_{kind}_count": count for kind, count in parts.items()},
         "sealed_volume_um3": float(sum(part["volume_um3"] for part in sealed.sealed)),
-        **mesh_report(sealed.vertices, sealed.faces),
+        **report,
     }
 
 
@@ -68,7 +76,7 @@ def measure_uv(reference: Reference, chart: UV) -> Numbers:
         "mean_abs_log_lambda": float(np.abs(log_lambda).mean()),
         "area_um2": float(area.sum()),
         "reference_area_error": float(
-            area.sum() / mesh_report(reference.vertices, reference.faces)["area_um2"] - 1.0
+            area.sum() / face_areas(reference.vertices, reference.faces).sum() - 1.0
         ),
     }
 
@@ -81,7 +89,6 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
     exact = int((miss <= ROUND_TRIP_VOXELS).sum())
     cells = int((chart.last_layer - chart.first_layer).clip(min=0).sum())
     vertices, faces = chart.meshed_vertices, chart.meshed_faces
-    report = mesh_report(vertices, faces)
     return {
         "folded_cells": chart.folded_cells,
         "folded_fraction": chart.folded_cells / max(cells, 1),
@@ -93,8 +100,7 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
         "chamfer_voxels": chamfer_distance(vertices, surface.vertices) / voxel_um,
         "area_difference": area_difference(vertices, faces, surface.vertices, surface.faces),
         "volume_difference": volume_difference(vertices, faces, surface.vertices, surface.faces),
-        "meshed_euler_characteristic": report["euler_characteristic"],
-        "meshed_watertight": report["watertight"],
-        "meshed_components": report["components"],
+        "meshed_euler_characteristic": euler_characteristic(faces),
+        "meshed_watertight": is_watertight(faces),
         "meshed_volume_um3": signed_volume(vertices, faces),
     }

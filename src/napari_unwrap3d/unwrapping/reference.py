@@ -19,10 +19,14 @@ from ..charts import Floats, Ints, Mask, Reference, SealedSurface, Volume
 from ..errors import NotGenusZeroError
 from ..geometry.curvature import mean_curvature, total_absolute_curvature
 from ..geometry.distance import distance_to, signed_distance
-from ..geometry.laplacian import Factor, conjugate_gradient, cotangent_laplacian, vertex_mass
+from ..geometry.laplacian import (
+    Factor,
+    cotangent_laplacian,
+    vertex_mass,
+)
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import euler_characteristic, face_areas, is_watertight
-from ..geometry.remesh import level_set_projection, relax, simplify
+from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
 from ..geometry.topology import seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
@@ -31,12 +35,15 @@ from ..progress import Progress
 logger = logging.getLogger(__name__)
 
 MASS_FLOOR = 1e-14
-SOLVER_TOLERANCE = 1e-9
-SOLVER_ITERATIONS = 12
+# The flow smooths over many edges of a fine mesh: it loses nothing on a coarser one.
+FLOW_VERTICES = 40_000
 FIT_ROUNDS = 10
 PLUG_FRACTION = 0.25
 PLUG_DEPTH_FRACTION = 0.6
+SMALLEST_PLUG_VOXELS = 2.0
 SPIKE_RADIUS_VOXELS = 3.0
+# A small cell's reference is subdivided until it has as many: maps are as fine as its mesh.
+FEWEST_VERTICES = 25_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +81,7 @@ def reference(
     if sealed.mask is None:
         raise NotGenusZeroError("The sealed surface has no mask.", hint="Make it with seal().")
     mask = sealed.mask
-    start, start_faces = plugged(sealed, mask)
+    start, start_faces = coarsened(*plugged(sealed, mask), progress.part(0.0, 0.05))
     flow = conformalized_flow(start, start_faces, parameters, progress.part(0.05, 0.6))
     placed = fit_to(flow.vertices, start, vertex_mass(start, start_faces))
     progress(0.62, "voxelising the reference")
@@ -113,9 +120,13 @@ def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
         return sealed.vertices, sealed.faces
     solid = mask.data.copy()
     labels, _ = ndimage.label(sealed.membranes.data, structure=np.ones((3, 3, 3)))
+    if np.sqrt(np.bincount(labels.ravel())[1:].max() / np.pi) < SMALLEST_PLUG_VOXELS:
+        return sealed.vertices, sealed.faces
     deepest = float(distance_to(~mask.data).max())
     for part, box in enumerate(ndimage.find_objects(labels), start=1):
         radius = np.sqrt((labels[box] == part).sum() / np.pi)
+        if radius < SMALLEST_PLUG_VOXELS:
+            continue
         thick = min(PLUG_FRACTION * radius, PLUG_DEPTH_FRACTION * deepest)
         pad = int(np.ceil(thick)) + 1
         wide = tuple(
@@ -125,6 +136,16 @@ def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
         solid[wide] |= distance_to(labels[wide] == part) <= thick
     vertices, faces = clamped_marching_cubes(level_function(seal(solid), 1.0))
     return mask.to_world(vertices), faces
+
+
+def coarsened(vertices: Floats, faces: Ints, progress: Progress) -> tuple[Floats, Ints]:
+    """The mesh with at most `FLOW_VERTICES` vertices, if that keeps it a closed sphere."""
+    if len(vertices) <= FLOW_VERTICES:
+        return vertices, faces
+    fewer, triangles = simplify(vertices, faces, FLOW_VERTICES)
+    if euler_characteristic(triangles) != 2 or not is_watertight(triangles):
+        return vertices, faces
+    return relax(fewer, triangles, progress, iterations=3)
 
 
 def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
@@ -145,13 +166,11 @@ def conformalized_flow(
     """Run the cMCF until its stopping rule fires (paper, Step 1).
 
     ``(M_t − δ L_0) v(t+1) = M_t v(t)`` with unit total area and the centroid at the origin
-    after every iteration. The factor of the first iteration's matrix preconditions the
-    conjugate gradients of the later ones.
+    after every iteration.
     """
     points = _normalized(vertices, faces)
     stiffness = parameters.delta * cotangent_laplacian(points, faces)
     curve = [total_absolute_curvature(points, faces)]
-    factor: Factor | None = None
     rule = "maximum iterations"
     stop_at: int | None = None
     iteration = 0
@@ -160,19 +179,7 @@ def conformalized_flow(
         mass = np.maximum(vertex_mass(points, faces), MASS_FLOOR)
         matrix = sparse.csr_array(sparse.diags_array(mass) - stiffness)
         right = mass[:, None] * points
-        solved = False
-        if factor is not None:
-            solution, solved = progress.run(
-                conjugate_gradient,
-                matrix,
-                right,
-                factor,
-                tolerance=SOLVER_TOLERANCE,
-                iterations=SOLVER_ITERATIONS,
-            )
-        if not solved:
-            factor = progress.run(Factor, matrix)
-            solution = factor.solve(right)
+        solution = progress.run(Factor, matrix).solve(right)
         points = _normalized(solution, faces)
         curve.append(total_absolute_curvature(points, faces))
         if stop_at is None:
@@ -252,6 +259,8 @@ def mesh_level(
     if euler_characteristic(triangles) == euler_characteristic(faces) and is_watertight(triangles):
         vertices, faces = fewer, triangles
     project = level_set_projection(ndimage.gaussian_filter(level, 0.5))
+    while len(vertices) < FEWEST_VERTICES:
+        vertices, faces = subdivide(vertices, faces)
     return relax(vertices, faces, progress, project=project)
 
 
