@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -28,6 +30,23 @@ def shared_data() -> Path:
     return folder
 
 
+@contextmanager
+def _coarse() -> Iterator[None]:
+    """References of small cells keep the few vertices they have, so that tests are quick."""
+    from napari_unwrap3d.unwrapping import reference
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(reference, "FEWEST_VERTICES", 0)
+        yield
+
+
+@pytest.fixture(scope="module")
+def coarse_reference() -> Iterator[None]:
+    """For a module that unwraps small cells itself."""
+    with _coarse():
+        yield
+
+
 @pytest.fixture(scope="session")
 def small_pipeline() -> Pipeline:
     """A pipeline that has unwrapped the small cell of tests/shapes.py; do not run it."""
@@ -35,7 +54,8 @@ def small_pipeline() -> Pipeline:
     from shapes import QUICK, small_cell_mask
 
     pipeline = Pipeline(small_cell_mask())
-    pipeline.run(QUICK)
+    with _coarse():
+        pipeline.run(QUICK)
     return pipeline
 
 
@@ -53,4 +73,5 @@ def handle_atlas() -> Atlas:
     from napari_unwrap3d.pipeline import unwrap
     from shapes import QUICK, small_cell_mask
 
-    return unwrap(small_cell_mask(handle=True), QUICK)
+    with _coarse():
+        return unwrap(small_cell_mask(handle=True), QUICK)

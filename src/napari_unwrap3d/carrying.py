@@ -9,12 +9,11 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from .charts import Floats, TriangleMesh, Volume
-from .errors import AxesError, ChartMissingError
+from .errors import AxesError, ChartMissingError, ParameterError
 from .geometry.interpolate import sample_linear, sample_nearest
 from .geometry.locate import interpolate, interpolated_label
 from .geometry.padding import sample_uv_linear, sample_uv_nearest
 from .progress import Progress
-from .unwrapping.topography import sample_volume
 from .unwrapping.uv import pixel_grid
 
 if TYPE_CHECKING:
@@ -60,6 +59,8 @@ def _outermost_image(atlas: Atlas, values: npt.NDArray[Any], kind: str) -> npt.N
 
 def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
     """The values as an array (or Volume) of the size that the chart has."""
+    if kind not in ("scalar", "label"):
+        raise ParameterError(f"Values are of kind 'scalar' or 'label', not {kind!r}.")
     if source == "volume":
         if not isinstance(values, Volume):
             raise AxesError(
@@ -69,7 +70,7 @@ def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
         return Volume(np.asarray(values.data), values.voxel_size, values.origin)
     expected = _shape(atlas, source)
     array = np.asarray(values)
-    if array.shape[: len(expected)] != expected:
+    if array.shape != expected:
         raise AxesError(
             f"Values of {source} have the wrong size.", shape=array.shape, expected=expected
         )
@@ -145,8 +146,7 @@ def _look_up(
     elif source == "topography":
         found = _sample_topography(atlas, values, points, label)
     elif source == "volume":
-        index = values.to_index(points)
-        found = (sample_nearest if label else sample_linear)(values.data, index)
+        found = _sample_volume(values, points, label)
     else:
         face, weights = _place(atlas, source, points)
         found = _at_places(getattr(atlas, source), values, face, weights, kind)
@@ -174,6 +174,17 @@ def _at_places(
     return interpolate(values, mesh.faces, face, weights)
 
 
+def _sample_volume(
+    volume: Volume, points: npt.NDArray[np.floating], label: bool
+) -> npt.NDArray[Any]:
+    """Values at points (..., 3) in µm; outside of the volume NaN, or 0 for labels."""
+    index = volume.to_index(points)
+    found = np.array((sample_nearest if label else sample_linear)(volume.data, index))
+    inside = (index >= -0.5) & (index <= np.array(volume.shape) - 0.5)
+    found[~inside.all(axis=-1)] = 0 if label else np.nan
+    return found
+
+
 def _sample_topography(
     atlas: Atlas, values: npt.NDArray[Any], points: Floats, label: bool
 ) -> npt.NDArray[Any]:
@@ -193,11 +204,8 @@ def _to_topography(
     """Values at the nodes; a surface's values only at the nodes next to it."""
     chart = atlas.topography
     label = kind == "label"
-    if source == "volume" and not label:
-        return sample_volume(values, chart.positions)
     if source == "volume":
-        layers = [sample_nearest(values.data, values.to_index(layer)) for layer in chart.positions]
-        return np.stack(layers)
+        return np.stack([_sample_volume(values, layer, label) for layer in chart.positions])
     if source in ("uv", "reference", "sphere"):
         image = values if source == "uv" else carry(atlas, values, source, "uv", kind, progress)
         return np.broadcast_to(image, chart.shape).copy()

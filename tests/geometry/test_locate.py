@@ -11,7 +11,7 @@ from napari_unwrap3d.geometry.locate import (
     SurfaceLocator,
     barycentric,
     interpolate,
-    majority_label,
+    interpolated_label,
 )
 from shapes import directions, icosphere, lumpy, rotation
 
@@ -170,11 +170,34 @@ def test_interpolation_of_scalars_and_vectors() -> None:
     assert whole.dtype == np.float64
 
 
-def test_the_label_with_the_most_weight_wins() -> None:
-    faces = np.array([[0, 1, 2], [3, 4, 5]])
-    labels = np.array([7, 9, 9, 1, 2, 3], np.uint16)
-    face = np.array([0, 0, 1, 1])
-    weights = np.array([[0.4, 0.3, 0.3], [0.6, 0.2, 0.2], [0.2, 0.5, 0.3], [0, 0, 1]])
-    found = majority_label(labels, faces, face, weights)
-    assert found.tolist() == [9, 7, 2, 3]
+def test_labels_stay_where_they_are_and_borders_run_between() -> None:
+    """A half of the sphere has label 9; the border is where it is on the sphere."""
+    vertices, faces = icosphere(4)
+    labels = np.where(vertices[:, 0] > 0.1, 9, 4).astype(np.uint16)
+    where = directions(4000)
+    face, weights = SphericalLocator(vertices, faces).locate(where)
+    found = interpolated_label(labels, faces, face, weights)
     assert found.dtype == np.uint16
+    edge = 0.08
+    assert (found[where[:, 0] > 0.1 + edge] == 9).all()
+    assert (found[where[:, 0] < 0.1 - edge] == 4).all()
+    assert (found == 9).mean() == pytest.approx((where[:, 0] > 0.1).mean(), abs=0.01)
+
+
+def test_a_thin_line_of_labels_is_not_lost() -> None:
+    vertices, faces = icosphere(4)
+    line = np.abs(vertices[:, 1]) < 0.02
+    labels = np.where(line, 5, 0)
+    on_line = (line[faces].sum(axis=1) >= 2).nonzero()[0]
+    corner = line[faces[on_line]].argmax(axis=1)
+    found = interpolated_label(labels, faces, on_line, np.eye(3)[corner])
+    assert (found == 5).all()
+
+
+def test_one_label_everywhere_stays_everywhere() -> None:
+    vertices, faces = icosphere(2)
+    face, weights = SphericalLocator(vertices, faces).locate(directions(200))
+    found = interpolated_label(np.full(len(vertices), -3), faces, face, weights)
+    assert set(found) == {-3}
+    none = interpolated_label(np.zeros(len(vertices), int), faces, face[:0], weights[:0])
+    assert len(none) == 0

@@ -19,6 +19,7 @@ from napari_unwrap3d.geometry.mesh import (
 from napari_unwrap3d.geometry.topology import euler_characteristic as solid_euler
 from napari_unwrap3d.parameters import ReferenceParameters, SurfaceParameters
 from napari_unwrap3d.progress import Progress, silent
+from napari_unwrap3d.unwrapping import reference as reference_step
 from napari_unwrap3d.unwrapping.reference import (
     conformalized_flow,
     fit_to,
@@ -29,6 +30,8 @@ from napari_unwrap3d.unwrapping.reference import (
 )
 from napari_unwrap3d.unwrapping.surface import sealed_surface, surface
 from shapes import ball, grid, icosphere, lumpy, rotation
+
+pytestmark = pytest.mark.usefixtures("coarse_reference")
 
 FIXED = ReferenceParameters(stop="fixed", fixed_iteration=8, iterations=8)
 
@@ -238,3 +241,17 @@ def test_a_sealed_surface_without_a_solid_is_an_error() -> None:
     vertices, faces = icosphere(2)
     with pytest.raises(NotGenusZeroError, match="mask"):
         reference(SealedSurface(vertices, faces), ReferenceParameters(), silent())
+
+
+def test_a_small_cell_gets_a_finer_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every map is only as fine as the mesh of the reference."""
+    mask = Mask(ball(10, 33), (0.1,) * 3)
+    coarse = reference(sealed_of(mask), ReferenceParameters(), silent())
+    monkeypatch.setattr(reference_step, "FEWEST_VERTICES", 2 * len(coarse.vertices))
+    fine = reference(sealed_of(mask), ReferenceParameters(), silent())
+    assert len(fine.vertices) > 3.9 * len(coarse.vertices)
+    assert euler_characteristic(fine.faces) == 2
+    assert is_watertight(fine.faces)
+    assert signed_volume(fine.vertices, fine.faces) == pytest.approx(
+        signed_volume(coarse.vertices, coarse.faces), rel=0.01
+    )

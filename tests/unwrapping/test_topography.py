@@ -23,11 +23,13 @@ from napari_unwrap3d.unwrapping.topography import (
 from napari_unwrap3d.unwrapping.uv import uv_to_direction
 from shapes import QUICK, VOXEL_UM, ball, cell_centre, directions
 
+pytestmark = pytest.mark.usefixtures("coarse_reference")
+
 RADIUS = 13.0
 
 
 @pytest.fixture(scope="module")
-def round_cell() -> Atlas:
+def round_cell(coarse_reference: None) -> Atlas:
     """A ball, whose topography is flat."""
     rows = QUICK.model_copy(update={"uv": QUICK.uv.model_copy(update={"rows": 48})})
     return unwrap(Mask(ball(RADIUS, 41), (VOXEL_UM,) * 3), rows)
