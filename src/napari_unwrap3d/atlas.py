@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
 
@@ -130,7 +131,7 @@ class Atlas:
                 shape=current.shape,
             )
         width = current.shape[1]
-        valid = np.isfinite(current).all(axis=1)
+        valid = np.asarray(np.isfinite(current).all(axis=1))
         for step in self._route(source, target):
             moved, good = step(current[valid])
             width = moved.shape[1]
@@ -158,10 +159,7 @@ class Atlas:
             return []
         a, b = CHAIN.index(start), CHAIN.index(target)
         names = CHAIN[a : b + 1] if a < b else CHAIN[b : a + 1][::-1]
-        return [
-            getattr(self, f"_{here}_to_{there}")
-            for here, there in zip(names[:-1], names[1:], strict=True)
-        ]
+        return [getattr(self, f"_{here}_to_{there}") for here, there in pairwise(names)]
 
     def _volume_to_topography(self, points: Floats) -> Mapped:
         return self._topography_locator.locate(points, silent())

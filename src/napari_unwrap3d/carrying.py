@@ -96,7 +96,7 @@ def _sample_points(atlas: Atlas, target: str) -> tuple[Floats, tuple[int, ...]]:
     if target == "uv":
         return pixel_grid(atlas.uv.shape[0]).reshape(-1, 2), atlas.uv.shape
     if target == "volume":
-        index = np.stack(np.indices(atlas.mask.shape), axis=-1).reshape(-1, 3)
+        index = np.indices(atlas.mask.shape).reshape(3, -1).T
         return atlas.mask.to_world(index), atlas.mask.shape
     raise ChartMissingError(f"Values cannot be carried to {target!r}.")
 

@@ -137,7 +137,8 @@ class Volume:
 
     def to_world(self, index: npt.ArrayLike) -> Floats:
         """Fractional indices (n, 3) as points (n, 3) in µm."""
-        return np.asarray(index, dtype=float) * self.voxel_size + np.asarray(self.origin)
+        world: Floats = np.asarray(index, dtype=float) * self.voxel_size + np.asarray(self.origin)
+        return world
 
 
 @dataclass(frozen=True, eq=False)

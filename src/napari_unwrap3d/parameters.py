@@ -283,7 +283,7 @@ class Parameters(StepParameters):
             return cls.model_validate(values)
         except ValidationError as error:
             problems = "; ".join(
-                f"{'.'.join(str(part) for part in item['loc'])}: {item['msg']} (got {item['input']!r})"
+                f"{'.'.join(map(str, item['loc']))}: {item['msg']} (got {item['input']!r})"
                 for item in error.errors()
             )
             raise ParameterError(

@@ -151,15 +151,15 @@ class Pipeline:
         return self.kept[name].value
 
     def _atlas(self, parameters: Parameters, until: str) -> Atlas:
-        charts = {name: self.kept[name].value if name in self.kept else None for name in STEP_NAMES}
-        for name in STEP_NAMES[STEP_NAMES.index(until) + 1 :]:
-            charts[name] = None
+        shown = _shown(until)
+        charts: dict[str, Any] = {
+            name: self.kept[name].value if name in shown else None for name in STEP_NAMES
+        }
         mask = charts.pop("stack")
-        topographic = charts["topography"]
-        if topographic is not None:
+        if charts["topography"] is not None:
             charts |= _with_heights(charts)
         kept = {name: self.kept[name] for name in STEP_NAMES if name in self.kept}
-        numbers = {name: item.numbers for name, item in kept.items() if name in _shown(until)}
+        numbers = {name: item.numbers for name, item in kept.items() if name in shown}
         return Atlas(
             mask=mask,
             parameters=parameters,
@@ -306,4 +306,3 @@ STEPS = (
 )
 STEP_NAMES = tuple(step.name for step in STEPS)
 _BY_NAME = {step.name: step for step in STEPS}
-

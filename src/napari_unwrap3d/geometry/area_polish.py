@@ -106,10 +106,7 @@ def _form(m, s, t):  # type: ignore[no-untyped-def]
 @numba.njit(nogil=True, cache=True)
 def _tangents(p):  # type: ignore[no-untyped-def]
     """Two orthonormal vectors perpendicular to a unit vector."""
-    if abs(p[0]) < 0.6:
-        s = (0.0, p[2], -p[1])
-    else:
-        s = (-p[2], 0.0, p[0])
+    s = (0.0, p[2], -p[1]) if abs(p[0]) < 0.6 else (-p[2], 0.0, p[0])
     n = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
     s = (s[0] / n, s[1] / n, s[2] / n)
     t = (p[1] * s[2] - p[2] * s[1], p[2] * s[0] - p[0] * s[2], p[0] * s[1] - p[1] * s[0])

@@ -198,7 +198,7 @@ def trim_folded(nodes, first, last, low, high):  # type: ignore[no-untyped-def]
     int
         Number of folded cells that are left, all within what must stay whole.
     """
-    layers, rows, columns, _ = nodes.shape
+    _, rows, columns, _ = nodes.shape
     p = np.empty((2, 2, 2, 3), np.float64)
     left = 0
     for b in range(rows - 1):
@@ -254,11 +254,7 @@ def _lowest_determinant(nodes, a, b, c, e, p):  # type: ignore[no-untyped-def]
                 u0 = p[i, j, 1, 0] - p[i, j, 0, 0]
                 u1 = p[i, j, 1, 1] - p[i, j, 0, 1]
                 u2 = p[i, j, 1, 2] - p[i, j, 0, 2]
-                det = (
-                    d0 * (u1 * v2 - u2 * v1)
-                    + d1 * (u2 * v0 - u0 * v2)
-                    + d2 * (u0 * v1 - u1 * v0)
-                )
+                det = d0 * (u1 * v2 - u2 * v1) + d1 * (u2 * v0 - u0 * v2) + d2 * (u0 * v1 - u1 * v0)
                 total += det
                 if not det >= lowest:
                     lowest = det if det < lowest else -1e300

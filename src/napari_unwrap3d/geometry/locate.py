@@ -188,7 +188,8 @@ def interpolated_label(
         (weights.ravel(), (rows, faces[face].ravel())), shape=(len(face), size)
     )
     votes = sparse.csr_array(places @ smooth)
-    return names[_largest_column(votes)]
+    winners: npt.NDArray[np.integer] = names[_largest_column(votes)]
+    return winners
 
 
 def _largest_column(votes: sparse.csr_array) -> Ints:

@@ -167,8 +167,9 @@ def _inverse_stereographic(plane: Complex, pole: int = 1) -> Floats:
     z = pole * (squared - 1.0) / (squared + 1.0)
     y = 2.0 * plane.real / (squared + 1.0)
     x = 2.0 * pole * plane.imag / (squared + 1.0)
-    directions: Floats = np.stack([z, y, x], axis=1)
-    return directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    directions = np.stack([z, y, x], axis=1)
+    unit: Floats = directions / np.linalg.norm(directions, axis=1, keepdims=True)
+    return unit
 
 
 def mobius_centered(directions: Floats, weights: Floats, faces: Ints) -> Floats:

@@ -5,9 +5,9 @@ excess of area away, moves the vertices along it and back onto the sphere, and s
 the step until no triangle flips. The source is the logarithm of wanted over present
 area, limited to ±1, so that a map whose areas are wrong by many orders of magnitude is
 brought home in steps that each stay small. What a flow of the vertices cannot see, the
-differences between neighbouring faces, is then removed vertex by vertex; the two take turns. The target
-area of a face, ``A_ref^t · A_sphere^(1 − t)``, blends from conformal (t = 0) to
-equiareal (t = 1).
+differences between neighbouring faces, is then removed vertex by vertex; the two take
+turns. The target area of a face, ``A_ref^t · A_sphere^(1 − t)``, blends from conformal
+(t = 0) to equiareal (t = 1).
 """
 
 from __future__ import annotations

@@ -83,7 +83,7 @@ def measure_uv(reference: Reference, chart: UV) -> Numbers:
 
 def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> Numbers:
     """Folded cells, unmapped vertices, round trip, and S_topo against S."""
-    mapped = np.isfinite(chart.surface).all(axis=1)
+    mapped = np.asarray(np.isfinite(chart.surface).all(axis=1))
     back, _ = topography_to_world(chart, chart.surface[mapped])
     miss = np.linalg.norm(back - surface.vertices[mapped], axis=1) / voxel_um
     exact = int((miss <= ROUND_TRIP_VOXELS).sum())

@@ -75,7 +75,8 @@ class OutermostSurface:
             for offset in ((0, 0), (0.5, 0.5), (0.5, -0.5), (-0.5, 0.5), (-0.5, -0.5))
         ]
         top = (np.max(around, axis=0) - chart.d_um[0]) / step
-        return np.clip(np.ceil(top).astype(np.int64) + ABOVE, 1, len(chart.d_um) - 1)
+        layer: Ints = np.ceil(top).astype(np.int64) + ABOVE
+        return np.clip(layer, 1, len(chart.d_um) - 1)
 
     def _search_whole_columns(self, vu: Floats, missed: Ints, face: Ints, weights: Floats) -> None:
         assert self._locator is not None

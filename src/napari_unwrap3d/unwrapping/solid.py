@@ -51,7 +51,8 @@ def mask_of_mesh(mesh: Surface, working_voxel_um: float | None) -> tuple[Mask, d
     edge = working_voxel_um or float((high - low).max()) / AUTOMATIC_VOXELS
     origin = low - MARGIN_VOXELS * edge
     shape = np.ceil((high - low) / edge).astype(int) + 2 * MARGIN_VOXELS + 1
-    solid = voxelize((mesh.vertices - origin) / edge, mesh.faces, tuple(int(n) for n in shape))
+    depth, height, width = (int(n) for n in shape)
+    solid = voxelize((mesh.vertices - origin) / edge, mesh.faces, (depth, height, width))
     if not solid.any():
         raise NotWatertightError(
             "The mesh encloses no voxel.",

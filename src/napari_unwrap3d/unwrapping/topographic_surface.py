@@ -10,6 +10,7 @@ from ..charts import Floats, Ints
 from ..geometry.marching import clamped_marching_cubes
 
 QUANTUM = 1e-4
+ROWS_PER_BLOCK = 64
 
 
 def cut_at_seam(image: Floats, faces: Ints, rows: int) -> tuple[Floats, Ints, Ints]:
@@ -32,7 +33,8 @@ def cut_at_seam(image: Floats, faces: Ints, rows: int) -> tuple[Floats, Ints, In
     origin : ndarray, (p,)
         The vertex each one is a copy of.
     """
-    kept = faces[np.isfinite(image).all(axis=1)[faces].all(axis=1)]
+    mapped = np.asarray(np.isfinite(image).all(axis=1))
+    kept = faces[mapped[faces].all(axis=1)]
     u = image[:, 2][kept]
     shift = (np.ptp(u, axis=1) > rows)[:, None] & (u < rows)
     origin, place = np.unique(kept + shift * len(image), return_inverse=True)
@@ -70,16 +72,39 @@ def mesh_mapped_mask(level: npt.NDArray[np.float32], smoothing: float) -> tuple[
             level[:, row] = level[:, row].mean(axis=1, keepdims=True)
     wrapped = np.concatenate([level, level[:, :, :1]], axis=2)
     wrapped[-1] = np.minimum(wrapped[-1], -np.float32(0.5))
-    vertices, faces = clamped_marching_cubes(wrapped)
+    vertices, faces = _march_in_blocks(wrapped)
     # (d, v, u) is a left-handed frame of (z, y, x): turn the faces over.
     return _weld(vertices, faces[:, ::-1], level.shape[1], level.shape[2])
 
 
+def _march_in_blocks(level: npt.NDArray[np.float32]) -> tuple[Floats, Ints]:
+    """Marching cubes of blocks of rows that share their first and last row.
+
+    One call for the whole would keep every other thread, and so a cancellation, waiting
+    for seconds.
+    """
+    all_vertices, all_faces, count = [], [], 0
+    for first in range(0, level.shape[1] - 1, ROWS_PER_BLOCK):
+        block = level[:, first : first + ROWS_PER_BLOCK + 1]
+        if not block.max() > 0 > block.min():
+            continue
+        vertices, faces = clamped_marching_cubes(block)
+        vertices[:, 1] += first
+        all_vertices.append(vertices)
+        all_faces.append(faces + count)
+        count += len(vertices)
+    return np.concatenate(all_vertices), np.concatenate(all_faces)
+
+
 def _weld(vertices: Floats, faces: Ints, rows: int, columns: int) -> tuple[Floats, Ints]:
-    """Join the vertices that meet at the seam and at the poles; drop collapsed faces."""
+    """Join the vertices that meet at the seam, at the poles and between blocks of rows.
+
+    Faces that collapse are dropped.
+    """
     layer, row, column = vertices.T
     at_pole = (row <= 0.0) | (row >= rows - 1.0)
-    special = np.flatnonzero(at_pole | (column <= 0.0) | (column >= columns))
+    between = np.mod(row, ROWS_PER_BLOCK) == 0.0
+    special = np.flatnonzero(at_pole | between | (column <= 0.0) | (column >= columns))
     around = np.where(at_pole, 0.0, np.mod(column, columns))[special]
     key = np.rint(np.stack([layer[special], row[special], around], axis=1) / QUANTUM)
     _, first, group = np.unique(

@@ -78,7 +78,7 @@ def topography(
     step_um = voxel_step * edge
     nodes *= np.float32(edge)
     nodes += np.asarray(field.distance.origin, dtype=np.float32)
-    d_um: Floats = (np.arange(len(nodes)) - inward) * step_um
+    d_um = np.asarray((np.arange(len(nodes)) - inward) * step_um, dtype=np.float64)
     locator = TopographyLocator(nodes, d_um, edge)
     image, _ = locator.locate(surface.vertices, progress.part(0.6, 0.7))
     progress(0.7, "checking the Jacobian")

@@ -63,7 +63,8 @@ def axis_weight(reference: Reference, kind: str) -> Floats:
     if kind == "positive_curvature":
         from skimage.filters import threshold_multiotsu
 
-        return (curvature > threshold_multiotsu(curvature, classes=3)[-1]).astype(np.float64)
+        positive = curvature > threshold_multiotsu(curvature, classes=3)[-1]
+        return np.asarray(positive, dtype=np.float64)
     return curvature
 
 
@@ -102,7 +103,8 @@ def unwrapping_rotation(directions: Floats, weights: Floats) -> Floats:
 
 def pixel_grid(rows: int) -> Floats:
     """(v, u) of every pixel, (N, 2N, 2)."""
-    return np.stack(np.mgrid[:rows, : 2 * rows], axis=-1).astype(np.float64)
+    v, u = np.meshgrid(np.arange(float(rows)), np.arange(2.0 * rows), indexing="ij")
+    return np.stack([v, u], axis=-1)
 
 
 def uv_to_direction(points: Floats, rows: int) -> Floats:
