@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from napari_unwrap3d.charts import Surface
-from napari_unwrap3d.errors import NotWatertightError
+from napari_unwrap3d.errors import NotWatertightError, SeveralCellsError
 from napari_unwrap3d.geometry.mesh import is_watertight, signed_volume
 from napari_unwrap3d.unwrapping.solid import closed_mesh, mask_of_mesh
 from shapes import icosphere, lumpy, torus_mesh
@@ -76,3 +76,35 @@ def test_a_mesh_with_a_hole_is_closed_and_says_so() -> None:
     assert is_watertight(mended.faces)
     assert signed_volume(mended.vertices, mended.faces) == pytest.approx(4.1, abs=0.1)
     assert len(mended.report) > 0
+
+
+def test_fields_survive_a_repair() -> None:
+    vertices, faces = icosphere(3)
+    around = (faces == 5).any(axis=1)
+    mended = closed_mesh(Surface(vertices, faces[~around], {"z": vertices[:, 0]}))
+    at = np.abs(mended.fields["z"] - mended.vertices[:, 0])
+    assert len(mended.fields["z"]) == len(mended.vertices)
+    assert (at < 1e-9).mean() > 0.98
+    assert at.max() < 0.2
+
+
+def pieces(*scales: float) -> Surface:
+    vertices, faces = icosphere(2)
+    return Surface(
+        np.concatenate([scale * vertices + 3 * i for i, scale in enumerate(scales)]),
+        np.concatenate([faces + i * len(vertices) for i in range(len(scales))]),
+    )
+
+
+def test_two_cells_in_one_mesh_are_an_error() -> None:
+    """As in a mask: which one is meant is not guessed."""
+    with pytest.raises(SeveralCellsError, match="components = 2"):
+        closed_mesh(pieces(1.0, 0.9))
+
+
+def test_a_crumb_beside_the_cell_is_dropped_and_reported() -> None:
+    mended = closed_mesh(pieces(1.0, 0.2))
+    assert len(mended.vertices) == len(icosphere(2)[0])
+    assert mended.report["as_given"]["components"] == 2
+    assert mended.report["components"] == 1
+    assert "dropped" in mended.report["repairs"][0]["what"]

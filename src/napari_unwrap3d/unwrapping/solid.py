@@ -8,8 +8,13 @@ import numpy as np
 
 from ..charts import Mask, Surface
 from ..errors import NotWatertightError
-from ..geometry.mesh import is_consistently_wound, is_watertight, signed_volume
-from ..geometry.repair import repair
+from ..geometry.mesh import (
+    connected_components,
+    is_consistently_wound,
+    is_watertight,
+    signed_volume,
+)
+from ..geometry.repair import repair_mesh
 from ..geometry.voxelize import voxelize
 
 # Without a given working voxel, the longest edge of the bounding box has this many.
@@ -18,12 +23,23 @@ MARGIN_VOXELS = 8
 
 
 def closed_mesh(mesh: Surface) -> Surface:
-    """The mesh itself if it is closed and wound outwards, else repaired, with a report."""
+    """The mesh itself if it is one closed piece wound outwards, else repaired, with a report.
+
+    Fields are kept; a vertex that was added has the value of the one it stands for.
+
+    Raises
+    ------
+    SeveralCellsError, NotWatertightError, NotManifoldError, MeshError
+        It cannot be repaired; see :func:`~napari_unwrap3d.geometry.repair.repair_mesh`.
+    """
     sound = is_watertight(mesh.faces) and is_consistently_wound(mesh.faces)
-    if sound and signed_volume(mesh.vertices, mesh.faces) > 0:
+    one_piece = connected_components(mesh.faces, len(mesh.vertices))[0].max() == 0
+    if sound and one_piece and signed_volume(mesh.vertices, mesh.faces) > 0:
         return mesh
-    vertices, faces, report = repair(mesh.vertices, mesh.faces)
-    return Surface(vertices, faces, report={**mesh.report, **report})
+    mended = repair_mesh(mesh.vertices, mesh.faces)
+    fields = {name: np.asarray(values)[mended.origin] for name, values in mesh.fields.items()}
+    report = {**mesh.report, **mended.report}
+    return Surface(mended.vertices, mended.faces, fields, report=report)
 
 
 def mask_of_mesh(mesh: Surface, working_voxel_um: float | None) -> tuple[Mask, dict[str, Any]]:
