@@ -48,7 +48,11 @@ def repairs(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Every automatic repair as a sentence, from the numbers of the first steps."""
     found = []
     for step, numbers in reports.items():
+        for item in numbers.get("repairs", ()):
+            found.append(f"{step}: {item['what']} ({item['count']})")
         for name, value in numbers.items():
+            if name == "repairs":
+                continue
             is_repair = any(
                 word in name for word in ("repair", "dropped", "sealed", "lost", "filled")
             )

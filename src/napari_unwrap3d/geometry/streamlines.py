@@ -9,8 +9,9 @@ import numpy.typing as npt
 Field = npt.NDArray[np.float32]
 
 
-@numba.njit(nogil=True, cache=True)
-def blend_directions(distance, smooth, outer, inner, near):  # type: ignore[no-untyped-def]
+def blend_directions(
+    distance: Field, smooth: Field, outer: Field, inner: Field, near: float
+) -> Field:
     """Unit outward directions: the distance's gradient near the surface, harmonic away.
 
     Parameters
@@ -28,40 +29,58 @@ def blend_directions(distance, smooth, outer, inner, near):  # type: ignore[no-u
     -------
     ndarray, (z, y, x, 3) float32
     """
-    nz, ny, nx = distance.shape
-    field = np.empty((nz, ny, nx, 3), np.float32)
-    here = np.empty(3, np.float64)
-    away = np.empty(3, np.float64)
-    for i in range(nz):
-        for j in range(ny):
-            for k in range(nx):
-                here[0] = smooth[min(i + 1, nz - 1), j, k] - smooth[max(i - 1, 0), j, k]
-                here[1] = smooth[i, min(j + 1, ny - 1), k] - smooth[i, max(j - 1, 0), k]
-                here[2] = smooth[i, j, min(k + 1, nx - 1)] - smooth[i, j, max(k - 1, 0)]
-                d = distance[i, j, k]
-                if d > 0:
-                    _half_gradient(outer, i, j, k, 1.0, away)
-                else:
-                    _half_gradient(inner, i, j, k, -1.0, away)
-                weight = np.exp(-abs(d) / near)
-                a = np.sqrt(here[0] ** 2 + here[1] ** 2 + here[2] ** 2)
-                b = np.sqrt(away[0] ** 2 + away[1] ** 2 + away[2] ** 2)
-                if b < 1e-9:
-                    weight, b = 1.0, 1.0
-                if a < 1e-9:
-                    a = 1.0
-                total = 0.0
-                for c in range(3):
-                    here[c] = weight * here[c] / a + (1.0 - weight) * away[c] / b
-                    total += here[c] ** 2
-                total = max(np.sqrt(total), 1e-9)
-                for c in range(3):
-                    field[i, j, k, c] = here[c] / total
-    return field
+    away_outside = np.stack(np.gradient(outer), axis=-1).astype(np.float32)
+    away_inside = -np.stack(np.gradient(inner), axis=-1).astype(np.float32)
+    return np.asarray(_blend(distance, smooth, away_outside, away_inside, np.float32(near)))
 
 
 @numba.njit(nogil=True, cache=True)
-def _half_value(values, z, y, x):  # type: ignore[no-untyped-def]
+def _blend(distance, smooth, away_outside, away_inside, near):  # type: ignore[no-untyped-def]
+    nz, ny, nx = distance.shape
+    field = np.empty((nz, ny, nx, 3), np.float32)
+    for i in range(nz):
+        for j in range(ny):
+            for k in range(nx):
+                h0 = smooth[min(i + 1, nz - 1), j, k] - smooth[max(i - 1, 0), j, k]
+                h1 = smooth[i, min(j + 1, ny - 1), k] - smooth[i, max(j - 1, 0), k]
+                h2 = smooth[i, j, min(k + 1, nx - 1)] - smooth[i, j, max(k - 1, 0)]
+                d = distance[i, j, k]
+                if d > 0:
+                    a0, a1, a2 = _at_half(away_outside, i, j, k)
+                else:
+                    a0, a1, a2 = _at_half(away_inside, i, j, k)
+                weight = np.exp(-abs(d) / near)
+                here = np.sqrt(h0 * h0 + h1 * h1 + h2 * h2)
+                away = np.sqrt(a0 * a0 + a1 * a1 + a2 * a2)
+                if away < 1e-30:
+                    weight, away = np.float32(1.0), np.float32(1.0)
+                if here < 1e-9:
+                    here = np.float32(1.0)
+                p, q = weight / here, (np.float32(1.0) - weight) / away
+                f0, f1, f2 = p * h0 + q * a0, p * h1 + q * a1, p * h2 + q * a2
+                n = max(np.sqrt(f0 * f0 + f1 * f1 + f2 * f2), np.float32(1e-9))
+                field[i, j, k, 0], field[i, j, k, 1], field[i, j, k, 2] = f0 / n, f1 / n, f2 / n
+    return field
+
+
+@numba.njit(nogil=True, cache=True, inline="always")
+def _at_half(vectors, i, j, k):  # type: ignore[no-untyped-def]
+    """Vectors known on every second voxel, at voxel (i, j, k): the mean of 1 to 8 of them."""
+    nz, ny, nx, _ = vectors.shape
+    a, b, c = i // 2, j // 2, k // 2
+    z, y, x = min(a + i % 2, nz - 1), min(b + j % 2, ny - 1), min(c + k % 2, nx - 1)
+    s0, s1, s2 = np.float32(0.0), np.float32(0.0), np.float32(0.0)
+    for p in (a, z):
+        for q in (b, y):
+            for r in (c, x):
+                s0 += vectors[p, q, r, 0]
+                s1 += vectors[p, q, r, 1]
+                s2 += vectors[p, q, r, 2]
+    return s0, s1, s2
+
+
+@numba.njit(nogil=True, cache=True)
+def _value(values, z, y, x):  # type: ignore[no-untyped-def]
     nz, ny, nx = values.shape
     z = min(max(z, 0.0), nz - 1.0)
     y = min(max(y, 0.0), ny - 1.0)
@@ -75,15 +94,6 @@ def _half_value(values, z, y, x):  # type: ignore[no-untyped-def]
         values[a + 1, b + 1, c] * (1 - fx) + values[a + 1, b + 1, c + 1] * fx
     ) * fy
     return low * (1 - fz) + high * fz
-
-
-@numba.njit(nogil=True, cache=True)
-def _half_gradient(values, i, j, k, sign, out):  # type: ignore[no-untyped-def]
-    """Central difference over two voxels of a function known on every second voxel."""
-    z, y, x = 0.5 * i, 0.5 * j, 0.5 * k
-    out[0] = sign * (_half_value(values, z + 1, y, x) - _half_value(values, z - 1, y, x))
-    out[1] = sign * (_half_value(values, z, y + 1, x) - _half_value(values, z, y - 1, x))
-    out[2] = sign * (_half_value(values, z, y, x + 1) - _half_value(values, z, y, x - 1))
 
 
 @numba.njit(nogil=True, cache=True, inline="always")
@@ -184,7 +194,7 @@ def trace_to_surface(field, distance, start, step, limit):  # type: ignore[no-un
     landing = start.copy()
     for i in range(n):
         z, y, x = np.float32(start[i, 0]), np.float32(start[i, 1]), np.float32(start[i, 2])
-        value = _half_value(distance, z, y, x)
+        value = _value(distance, z, y, x)
         sign = 1.0 if value > 0 else -1.0
         h = np.float32(-sign * step)
         half = np.float32(0.5) * h
@@ -193,7 +203,7 @@ def trace_to_surface(field, distance, start, step, limit):  # type: ignore[no-un
             u, v, w = _direction(field, z, y, x)
             u, v, w = _direction(field, z + half * u, y + half * v, x + half * w)
             nz, ny, nx = z + h * u, y + h * v, x + h * w
-            after = _half_value(distance, nz, ny, nx)
+            after = _value(distance, nz, ny, nx)
             if after * sign <= 0:
                 part = value / (value - after) if value != after else 0.0
                 length[i] = sign * (total + part * step)

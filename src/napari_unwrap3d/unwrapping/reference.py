@@ -41,6 +41,8 @@ FIT_ROUNDS = 10
 PLUG_FRACTION = 0.25
 PLUG_DEPTH_FRACTION = 0.6
 SMALLEST_PLUG_VOXELS = 2.0
+# The reference is smooth; what is finer than this in its curvature are its voxels.
+CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
 # A small cell's reference is subdivided until it has as many: maps are as fine as its mesh.
 FEWEST_VERTICES = 25_000
@@ -97,11 +99,12 @@ def reference(
             euler_characteristic=chi,
             hint="Smooth more (a later stop of the flow), or choose a smaller working voxel.",
         )
-    curvature = mean_curvature(signed_distance(solid), vertices) / mask.voxel_size[0]
+    distance = signed_distance(solid)
+    curvature = mean_curvature(distance, vertices, smoothing=CURVATURE_SMOOTHING_VOXELS)
     return Reference(
         vertices=mask.to_world(vertices),
         faces=faces,
-        fields={"mean_curvature_per_um": curvature},
+        fields={"mean_curvature_per_um": curvature / mask.voxel_size[0]},
         mask=Mask(solid, mask.voxel_size, mask.origin),
         level=Volume(level, mask.voxel_size, mask.origin),
         iteration=flow.iteration,
