@@ -9,7 +9,9 @@ from napari_unwrap3d.geometry.curvilinear import (
     count_folded,
     evaluate,
     invert,
+    repeat_ends,
     rows_from_v,
+    trim_folded,
     v_from_rows,
 )
 from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
@@ -159,3 +161,72 @@ def test_cells_below_the_end_of_a_streamline_are_none() -> None:
     folded, cells, *_ = count_folded(nodes, reached)
     assert folded == 0
     assert cells == (LAYERS - 1) * (ROWS + 1) * 2 * ROWS - 4 * 4
+
+
+def folded_below(layer: int, row: int, column: int) -> np.ndarray:
+    """The shell with one column crossing over its neighbour below a layer."""
+    nodes = NODES.copy()
+    nodes[:layer, row, column] = NODES[:layer, row, column + 3]
+    return nodes
+
+
+def whole(low: int, high: int) -> tuple[np.ndarray, np.ndarray]:
+    """What every column needs."""
+    return np.full(ALL.shape, low), np.full(ALL.shape, high)
+
+
+def test_columns_end_before_they_fold() -> None:
+    nodes = folded_below(4, 15, 30)
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    assert count_folded(nodes, first, last)[0] > 0
+    assert trim_folded(nodes, first, last, *whole(6, 8)) == 0
+    assert count_folded(nodes, first, last)[0] == 0
+    assert (last == LAYERS - 1).all()
+    assert first[15, 30] in (4, 5)
+    # Nothing else was shortened than the columns around it.
+    shortened = np.argwhere(first > 0)
+    assert np.abs(shortened - [15, 31]).max() <= 4
+
+
+def test_columns_end_on_the_outside_too() -> None:
+    nodes = NODES.copy()
+    nodes[8:, 15, 30] = NODES[8:, 15, 33]
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    assert trim_folded(nodes, first, last, *whole(2, 5)) == 0
+    assert count_folded(nodes, first, last)[0] == 0
+    assert (first == 0).all()
+    assert last[15, 30] in (6, 7)
+
+
+def test_what_is_needed_is_kept_and_its_folds_are_counted() -> None:
+    nodes = folded_below(4, 15, 30)
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    before = count_folded(nodes, first, last)[0]
+    assert trim_folded(nodes, first, last, *whole(0, LAYERS - 1)) == before
+    assert (first == 0).all()
+    sound = NODES.copy()
+    assert trim_folded(sound, first, last, *whole(5, 6)) == 0
+    assert (first == 0).all()
+    assert (last == LAYERS - 1).all()
+
+
+def test_ends_are_repeated() -> None:
+    nodes = NODES.copy()
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    first[9, 5], last[9, 5], first[20, 0] = 3, 7, LAYERS - 1
+    repeat_ends(nodes, first, last)
+    for layer in range(LAYERS):
+        np.testing.assert_array_equal(nodes[layer, 9, 5], NODES[min(max(layer, 3), 7), 9, 5])
+    assert (nodes[:, 20, 0] == NODES[-1, 20, 0]).all()
+    others = np.ones(ALL.shape, bool)
+    others[9, 5] = others[20, 0] = False
+    np.testing.assert_array_equal(nodes[:, others], NODES[:, others])
+
+
+def test_cells_above_the_end_of_a_streamline_are_none() -> None:
+    nodes = NODES.copy()
+    nodes[7:, 10, 20] = nodes[6, 10, 20]
+    last = np.full(ALL.shape, LAYERS - 1)
+    assert count_folded(nodes, ALL, last)[0] == 4 * 4
+    last[10, 20] = 6
+    assert count_folded(nodes, ALL, last)[0] == 0

@@ -10,6 +10,7 @@ from napari_unwrap3d.geometry.locate import SurfaceLocator
 from napari_unwrap3d.geometry.marching import clamped_marching_cubes
 from napari_unwrap3d.geometry.mesh import (
     euler_characteristic,
+    face_areas,
     face_neighbors,
     is_consistently_wound,
     is_watertight,
@@ -24,6 +25,7 @@ from napari_unwrap3d.geometry.remesh import (
     level_set_projection,
     relax,
     simplify,
+    subdivide,
 )
 from napari_unwrap3d.progress import Progress, silent
 from shapes import ball, grid, icosphere, torus
@@ -155,3 +157,17 @@ def test_points_are_projected_onto_the_zero_set_along_the_shortest_way() -> None
     # A step is never longer than half a voxel: two of them cannot leave the neighbourhood.
     far = way * 14 + 15
     assert np.linalg.norm(project(far) - far, axis=1).max() < 1.01
+
+
+@pytest.mark.parametrize("name", SHAPES)
+def test_subdividing_cuts_every_face_into_four(name: str) -> None:
+    vertices, faces = clamped_marching_cubes(SHAPES[name])
+    finer, triangles = subdivide(vertices, faces)
+    assert len(triangles) == 4 * len(faces)
+    assert euler_characteristic(triangles) == euler_characteristic(faces)
+    assert is_watertight(triangles)
+    assert is_consistently_wound(triangles)
+    np.testing.assert_array_equal(finer[: len(vertices)], vertices)
+    # The same surface, with the same orientation.
+    assert signed_volume(finer, triangles) == pytest.approx(signed_volume(vertices, faces))
+    assert face_areas(finer, triangles).sum() == pytest.approx(face_areas(vertices, faces).sum())
