@@ -25,6 +25,15 @@ def place_layers(viewer: ViewerModel, layers: Collection[LayerData]) -> None:
         pass
 
 
+def show_unmirrored(viewer: ViewerModel) -> None:
+    """Let z point away from the viewer, so that (x, y, z) is right-handed on the screen.
+
+    napari's own choice, z towards the viewer, shows the mirror image of the cell; the uv
+    image and mesh files are as the cell is, and so should be the view beside them.
+    """
+    viewer.scene.camera.orientation = ("away", "down", "right")
+
+
 def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None]:
     """Show the layers of some charts, in place of what was shown of them before.
 
@@ -38,6 +47,8 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
     volume or mesh, and with the charts in the order of the pipeline that is the
     surface in (z, y, x).
     """
+    if not any(chart_of(layer) for layer in viewer.layers):
+        show_unmirrored(viewer)
     new = {_name(attributes): (data, attributes, kind) for data, attributes, kind in layers}
     charts = {attributes["metadata"][KEY]["chart"] for _, attributes, _ in layers}
     for layer in [each for each in viewer.layers if chart_of(each) in charts]:
