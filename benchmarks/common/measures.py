@@ -87,20 +87,31 @@ def random_points(vertices: Floats, faces: Ints, count: int, rng: np.random.Gene
     return points
 
 
-def chamfer(vertices: Floats, faces: Ints, other: Floats, other_faces: Ints, edge: float) -> float:
-    """The paper's Chamfer distance in voxels of edge `edge`: the two means, summed.
+def chamfer(vertices: Floats, others: Floats) -> float:
+    """The paper's Chamfer distance: both mean distances to the nearest vertex, summed."""
+    forth = cKDTree(others).query(vertices)[0].mean()
+    back = cKDTree(vertices).query(others)[0].mean()
+    return float(forth + back)
 
-    It is taken between vertices, so long edges are halved first: a coarse mesh would be
-    far from its own surface.
+
+def sampled(vertices: Floats, faces: Ints, edge: float) -> Floats:
+    """Vertices of a mesh after halving its edges of more than 1.5 voxels of size `edge`.
+
+    Chamfer distances are taken between vertices: a coarse mesh would be far from itself.
     """
     import trimesh
 
     limit = LONGEST_EDGE_VOXELS * edge
-    first, _ = trimesh.remesh.subdivide_to_size(vertices, faces, limit, max_iter=20)
-    second, _ = trimesh.remesh.subdivide_to_size(other, other_faces, limit, max_iter=20)
-    forth = cKDTree(second).query(first)[0].mean()
-    back = cKDTree(first).query(second)[0].mean()
-    return float(forth + back) / edge
+    found, _ = trimesh.remesh.subdivide_to_size(vertices, faces, limit, max_iter=20)
+    return np.asarray(found, dtype=np.float64)
+
+
+def subdivided(vertices: Floats, faces: Ints) -> Floats:
+    """Vertices of a mesh and the middles of its edges."""
+    import trimesh
+
+    found, _ = trimesh.remesh.subdivide(vertices, faces)
+    return np.asarray(found, dtype=np.float64)
 
 
 @numba.njit(cache=True)

@@ -48,11 +48,13 @@ class Bar:
 
 
 def significant(value: float | None, digits: int = 5) -> float | None:
-    """Rounded to a few significant digits, so that the file reads well."""
+    """Rounded to a few significant digits, so that the file reads well; counts as they are."""
     if value is None or value != value:
         return None
+    if value == int(value) and abs(value) < 1e15:
+        return int(value)
     rounded = float(f"{value:.{digits}g}")
-    return int(rounded) if rounded == int(rounded) and abs(rounded) < 1e9 else rounded
+    return rounded
 
 
 def machine() -> dict[str, Any]:
