@@ -30,7 +30,9 @@ Complex = npt.NDArray[np.complex128]
 # solved for; above 1 (the equator) so that the two solves overlap.
 FIXED_RADIUS = 2.5
 ALTERNATIONS = 6
-GOOD_ENOUGH = 1e-3
+# Both poles have had their turn: stop at this mean Q, or when another turn gains nothing.
+GOOD_ENOUGH = 1.006
+SMALLEST_GAIN = 1e-3
 
 
 def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Floats:
@@ -101,7 +103,8 @@ def _alternate(vertices: Floats, faces: Ints, laplacian: Any, progress: Progress
         gain = best_error - error
         if np.isfinite(error) and (flips, error) < (best_flips, best_error):
             best, best_flips, best_error = current, flips, error
-        if best_flips == 0 and alternation > 0 and gain < GOOD_ENOUGH:
+        settled = gain < SMALLEST_GAIN or best_error < GOOD_ENOUGH
+        if best_flips == 0 and alternation > 0 and settled:
             break
         if not np.isfinite(current).all():
             break

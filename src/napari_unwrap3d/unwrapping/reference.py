@@ -27,6 +27,7 @@ from ..geometry.laplacian import (
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import euler_characteristic, face_areas, is_watertight
 from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
+from ..geometry.topology import euler_characteristic as solid_euler_characteristic
 from ..geometry.topology import seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
@@ -45,7 +46,8 @@ SMALLEST_PLUG_VOXELS = 2.0
 CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
 # A small cell's reference is subdivided until it has as many: maps are as fine as its mesh.
-FEWEST_VERTICES = 25_000
+# A large cell's is thinned out to the most: finer costs time and shows nothing more.
+FEWEST_VERTICES, MOST_VERTICES = 25_000, 65_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +90,7 @@ def reference(
     placed = fit_to(flow.vertices, start, vertex_mass(start, start_faces))
     progress(0.62, "voxelising the reference")
     inside = voxelize(mask.to_index(placed), start_faces, mask.shape)
-    solid = seal(_largest(without_spikes(_largest(inside))))
+    solid = seal(without_spikes(_largest(inside)))
     progress(0.72, "meshing the reference")
     level = level_function(solid, parameters.smoothing_voxels)
     vertices, faces = mesh_level(level, parameters.vertex_fraction, progress.part(0.75, 0.95))
@@ -154,13 +156,21 @@ def coarsened(vertices: Floats, faces: Ints, progress: Progress) -> tuple[Floats
 def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     """Opening by a small ball: spikes that the flow draws out of long arms are cut off.
 
-    A solid that would lose more than a tenth is thin all over and is left as it is.
+    What closes a hole stays, however thin; a solid that would lose more than a tenth is
+    thin all over and is left as it is.
     """
     core = distance_to(~solid) > SPIKE_RADIUS_VOXELS
     if not core.any():
         return solid
-    opened: npt.NDArray[np.bool_] = solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS)
-    return opened if opened.sum() > 0.9 * solid.sum() else solid
+    opened = _largest(solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
+    if opened.sum() <= 0.9 * solid.sum():
+        return solid
+    if solid_euler_characteristic(opened) == 1:
+        return opened
+    lost, _ = ndimage.label(solid & ~opened, structure=np.ones((3, 3, 3)))
+    plugs = np.unique(lost[seal(opened) & ~opened])
+    kept: npt.NDArray[np.bool_] = opened | np.isin(lost, plugs[plugs > 0])
+    return kept
 
 
 def conformalized_flow(
@@ -257,7 +267,7 @@ def mesh_level(
 ) -> tuple[Floats, Ints]:
     """Near-equilateral mesh of the zero set, in index coordinates, topology kept."""
     vertices, faces = clamped_marching_cubes(level)
-    target = max(int(vertex_fraction * len(vertices)), 500)
+    target = max(int(min(vertex_fraction * len(vertices), MOST_VERTICES)), 500)
     fewer, triangles = progress.run(simplify, vertices, faces, target)
     if euler_characteristic(triangles) == euler_characteristic(faces) and is_watertight(triangles):
         vertices, faces = fewer, triangles
