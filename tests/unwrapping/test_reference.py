@@ -29,7 +29,7 @@ from napari_unwrap3d.unwrapping.reference import (
     stopping_rule,
 )
 from napari_unwrap3d.unwrapping.surface import sealed_surface, surface
-from shapes import ball, grid, icosphere, lumpy, rotation
+from shapes import ball, grid, icosphere, lumpy, rotation, torus
 
 pytestmark = pytest.mark.usefixtures("coarse_reference")
 
@@ -255,3 +255,50 @@ def test_a_small_cell_gets_a_finer_reference(monkeypatch: pytest.MonkeyPatch) ->
     assert signed_volume(fine.vertices, fine.faces) == pytest.approx(
         signed_volume(coarse.vertices, coarse.faces), rel=0.01
     )
+
+
+def test_a_ring_gets_a_plug_instead_of_its_membrane() -> None:
+    """A sheet of one voxel would have no inside for the normals to go to."""
+    mask = Mask(torus(13, 6, (25, 51, 51)), (0.1,) * 3)
+    sealed = sealed_of(mask)
+    middle = sealed.mask.data[:, 25, 25].sum()
+    chart = reference(sealed, ReferenceParameters(), silent())
+    assert 1 <= middle <= 2 < chart.mask.data[:, 25, 25].sum()
+    assert euler_characteristic(chart.faces) == 2
+    plugged_mesh = reference_step.plugged(sealed, sealed.mask)
+    assert euler_characteristic(plugged_mesh[1]) == 2
+    assert signed_volume(*plugged_mesh) > signed_volume(sealed.vertices, sealed.faces)
+
+
+def test_without_membranes_the_flow_starts_from_the_sealed_surface() -> None:
+    sealed = sealed_of(Mask(ball(10, 33), (0.1,) * 3))
+    vertices, faces = reference_step.plugged(sealed, sealed.mask)
+    assert vertices is sealed.vertices
+    assert faces is sealed.faces
+
+
+def test_a_fine_mesh_flows_on_a_coarser_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = bumpy()
+    assert reference_step.coarsened(vertices, faces, silent())[0] is vertices
+    monkeypatch.setattr(reference_step, "FLOW_VERTICES", 1000)
+    fewer, triangles = reference_step.coarsened(vertices, faces, silent())
+    assert len(fewer) == pytest.approx(1000, rel=0.05)
+    assert euler_characteristic(triangles) == 2
+    volume = signed_volume(vertices, faces)
+    assert signed_volume(fewer, triangles) == pytest.approx(volume, rel=0.03)
+    coarse = conformalized_flow(fewer, triangles, FIXED, silent())
+    fine = conformalized_flow(vertices, faces, FIXED, silent())
+    assert coarse.total_curvature[-1] == pytest.approx(fine.total_curvature[-1], abs=0.1)
+
+
+def test_spikes_are_cut_and_thin_bodies_are_left() -> None:
+    solid = ball(12, 41)
+    spiked = solid.copy()
+    spiked[20, 20, 20:40] = True
+    cut = reference_step.without_spikes(spiked)
+    assert not cut[20, 20, 34:].any()
+    assert (cut <= spiked).all()
+    assert (cut != solid).sum() < 0.02 * solid.sum()
+    plate = np.zeros((30, 30, 30), bool)
+    plate[14:17, 4:-4, 4:-4] = True
+    np.testing.assert_array_equal(reference_step.without_spikes(plate), plate)

@@ -20,8 +20,8 @@ from napari_unwrap3d.unwrapping.topography import (
     sample_volume,
     topography_to_world,
 )
-from napari_unwrap3d.unwrapping.uv import uv_to_direction
-from shapes import QUICK, VOXEL_UM, ball, cell_centre, directions
+from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
+from shapes import QUICK, VOXEL_UM, ball, cell_centre, directions, torus
 
 pytestmark = pytest.mark.usefixtures("coarse_reference")
 
@@ -239,3 +239,24 @@ def test_a_cell_far_from_the_origin_is_mapped_as_well(round_cell: Atlas) -> None
     assert there["unmapped_fraction"] == 0
     assert there["round_trip_max_voxels"] < 0.01
     assert there["meshed_volume_um3"] == pytest.approx(near["meshed_volume_um3"], rel=1e-3)
+
+
+def test_a_flat_ring_hardly_folds(coarse_reference: None) -> None:
+    """Its reference is flat: the normals meet in the middle before they are at the depth."""
+    mask = Mask(torus(18, 7, (30, 66, 66)), (VOXEL_UM,) * 3)
+    atlas = unwrap(mask, Parameters.from_dict({"uv": {"rows": 64}}))
+    chart, quality = atlas.topography, atlas.quality["topography"]
+    assert atlas.surface.report["genus"] == 1
+    folded = count_folded(chart.nodes, chart.first_layer, chart.last_layer)[0]
+    assert folded == chart.folded_cells
+    assert quality["folded_fraction"] < 1e-3
+    assert quality["unmapped_fraction"] < 2e-3
+    assert quality["round_trip_max_voxels"] < 0.01
+    # Over the hole there may be nothing outside; what is found lies on the right column.
+    rows = atlas.uv.shape[0]
+    pixels = pixel_grid(rows).reshape(-1, 2)
+    surface, valid = atlas.map(pixels, "uv", "surface")
+    image, found = atlas.map(surface[valid], "surface", "uv")
+    turned = uv_to_direction(image[found], rows) - uv_to_direction(pixels[valid][found], rows)
+    assert found.mean() > 0.95
+    assert (np.linalg.norm(turned, axis=1) < 0.01).mean() > 0.995

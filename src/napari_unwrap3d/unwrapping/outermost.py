@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import numpy.typing as npt
 
@@ -26,7 +28,6 @@ class OutermostSurface:
     def __init__(self, surface: Surface, chart: Topography) -> None:
         self._surface = surface
         self._chart = chart
-        self._locator: SurfaceLocator | None = None
         rows = chart.shape[1]
         face, weights, height = outermost_faces(chart.cut_vertices, chart.cut_faces, rows)
         self.face = _original_faces(surface, chart, face)
@@ -43,8 +44,6 @@ class OutermostSurface:
 
     def locate(self, points: Floats) -> tuple[Ints, Floats, npt.NDArray[np.bool_]]:
         """Face (n,), weights (n, 3) and validity of the crossing over (v, u) (n, 2)."""
-        if self._locator is None:
-            self._locator = SurfaceLocator(self._surface.vertices, self._surface.faces)
         vu = wrap_uv(points, self._chart.shape[1])
         layer = self._start_layer(vu)
         face = np.full(len(points), -1, np.int64)
@@ -52,11 +51,7 @@ class OutermostSurface:
         last = np.maximum(layer - ABOVE - BELOW, 0)
         todo = np.arange(len(points))
         while len(todo):
-            upper, lower = (
-                self._position(layer[todo], vu[todo]),
-                self._position(layer[todo] - 1, vu[todo]),
-            )
-            hit, place = self._locator.first_hit(upper, lower)
+            hit, place = self._first_hit(layer[todo], vu[todo])
             face[todo], weights[todo] = hit, place
             layer[todo] -= 1
             todo = todo[(hit < 0) & (layer[todo] > last[todo])]
@@ -79,23 +74,35 @@ class OutermostSurface:
         return np.clip(layer, 1, len(chart.d_um) - 1)
 
     def _search_whole_columns(self, vu: Floats, missed: Ints, face: Ints, weights: Floats) -> None:
-        assert self._locator is not None
         for top in range(len(self._chart.d_um) - 1, 0, -1):
             if len(missed) == 0:
                 return
-            layers = np.full(len(missed), top)
-            hit, place = self._locator.first_hit(
-                self._position(layers, vu[missed]), self._position(layers - 1, vu[missed])
-            )
+            hit, place = self._first_hit(np.full(len(missed), top), vu[missed])
             found = hit >= 0
             face[missed[found]], weights[missed[found]] = hit[found], place[found]
             missed = missed[~found]
 
-    def _position(self, layer: Ints, vu: Floats) -> Floats:
-        d = self._chart.d_um[np.maximum(layer, 0)]
+    def _first_hit(self, layer: Ints, vu: Floats) -> tuple[Ints, Floats]:
+        """Face (n,) hit between a layer and the one below, −1 for none, and its weights.
+
+        Where the streamline does not reach both layers there is nothing to hit.
+        """
+        upper, above = self._position(layer, vu)
+        lower, below = self._position(layer - 1, vu)
+        whole = above & below
+        face = np.full(len(vu), -1, np.int64)
+        weights = np.zeros((len(vu), 3))
+        face[whole], weights[whole] = self._locator.first_hit(upper[whole], lower[whole])
+        return face, weights
+
+    def _position(self, layer: Ints, vu: Floats) -> tuple[Floats, npt.NDArray[np.bool_]]:
+        d = self._chart.d_um[layer]
         world, valid = topography_to_world(self._chart, np.column_stack([d, vu]))
-        # Below the deepest layer of a column there is nothing to hit.
-        return np.where(valid[:, None], world, 1e9)
+        return world, np.asarray(valid)
+
+    @cached_property
+    def _locator(self) -> SurfaceLocator:
+        return SurfaceLocator(self._surface.vertices, self._surface.faces)
 
 
 def _original_faces(surface: Surface, chart: Topography, face: Ints) -> Ints:
