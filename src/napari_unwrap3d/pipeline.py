@@ -22,6 +22,7 @@ from .imaging.segment import check_mask, segment
 from .parameters import Parameters
 from .progress import Progress
 from .provenance import content_hash, environment, repairs
+from .quality import quality_rows
 from .unwrapping import measure
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
@@ -171,6 +172,13 @@ class Pipeline:
     def _provenance(
         self, kept: dict[str, Kept], numbers: dict[str, dict[str, Any]]
     ) -> dict[str, Any]:
+        warnings = [
+            f"{row.chart}: {row.title} is {row.value}; {row.reason}"
+            for row in quality_rows(numbers)
+            if row.mark == "red"
+        ]
+        for warning in warnings:
+            logger.warning(warning)
         return {
             "versions": environment(),
             "source": {
@@ -182,6 +190,7 @@ class Pipeline:
                 name: {"seconds": round(item.seconds, 3), "key": item.key}
                 for name, item in kept.items()
             },
+            "warnings": warnings,
             "repairs": repairs(
                 {name: numbers[name] for name in ("stack", "surface", "sealed") if name in numbers}
             ),

@@ -29,8 +29,8 @@ def blend_directions(
     -------
     ndarray, (z, y, x, 3) float32
     """
-    away_outside = np.stack(np.gradient(outer), axis=-1).astype(np.float32)
-    away_inside = -np.stack(np.gradient(inner), axis=-1).astype(np.float32)
+    away_outside = np.stack([np.gradient(outer, axis=axis) for axis in range(3)], axis=-1)
+    away_inside = -np.stack([np.gradient(inner, axis=axis) for axis in range(3)], axis=-1)
     return np.asarray(_blend(distance, smooth, away_outside, away_inside, np.float32(near)))
 
 
