@@ -48,8 +48,8 @@ def repairs(reports: Mapping[str, Mapping[str, Any]]) -> list[str]:
     """Every automatic repair as a sentence, from the numbers of the first steps."""
     found = []
     for step, numbers in reports.items():
-        for item in numbers.get("repairs", ()):
-            found.append(f"{step}: {item['what']} ({item['count']})")
+        done = numbers.get("repairs", ())
+        found += [f"{step}: {item['what']} ({item['count']})" for item in done]
         for name, value in numbers.items():
             if name == "repairs":
                 continue

@@ -94,7 +94,7 @@ def test_a_badly_squeezed_start_is_brought_home() -> None:
     squeezed /= np.linalg.norm(squeezed, axis=1, keepdims=True)
     ratio = face_areas(squeezed, faces)
     assert ratio.max() / ratio.min() > 300
-    assert mean_log_area_distortion(vertices, squeezed, faces) > 1.0
+    assert mean_log_area_distortion(vertices, squeezed, faces) > 0.8
     found, _ = equiareal_sphere(vertices, squeezed, faces, silent(), tolerance=0.05)
     assert flipped_faces(found, faces) == 0
     assert mean_log_area_distortion(vertices, found, faces) < 0.1

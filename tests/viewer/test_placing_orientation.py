@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 from napari.components import ViewerModel
-from synthetic import make_atlas
 
 from napari_unwrap3d.viewer.layers import atlas_layers
 from napari_unwrap3d.viewer.placing import place_layers
+from synthetic import make_atlas
 
 
 def test_the_view_is_right_handed_in_xyz_once_charts_are_shown() -> None:

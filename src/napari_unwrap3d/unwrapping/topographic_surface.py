@@ -7,6 +7,7 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..charts import Floats, Ints
+from ..errors import EmptyMaskError
 from ..geometry.marching import clamped_marching_cubes
 
 QUANTUM = 1e-4
@@ -93,6 +94,12 @@ def _march_in_blocks(level: npt.NDArray[np.float32]) -> tuple[Floats, Ints]:
         all_vertices.append(vertices)
         all_faces.append(faces + count)
         count += len(vertices)
+    if not all_vertices:
+        raise EmptyMaskError(
+            "Nothing of the cell's mask lies in the mapped space.",
+            layers=len(level),
+            hint="Check that the mesh and the mask are of the same cell.",
+        )
     return np.concatenate(all_vertices), np.concatenate(all_faces)
 
 
