@@ -113,12 +113,15 @@ def _stacks() -> list[Case]:
             rows=HALF,
             file=embryo,
         ),
-        Case(
-            "organoid",
-            lambda: unwrap3d.read_stack(organoid),
-            rows=HALF,
-            parameters={"stack": {"channel": 0}},
-            file=organoid,
+        *(
+            Case(
+                f"organoid-{stain}",
+                lambda: unwrap3d.read_stack(organoid),
+                rows=HALF,
+                parameters={"stack": {"channel": channel}},
+                file=organoid,
+            )
+            for channel, stain in enumerate(("dapi", "betacat"))
         ),
     ]
 
