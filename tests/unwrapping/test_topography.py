@@ -252,6 +252,10 @@ def test_a_flat_ring_hardly_folds(coarse_reference: None) -> None:
     assert quality["folded_fraction"] < 1e-3
     assert quality["unmapped_fraction"] < 2e-3
     assert quality["round_trip_max_voxels"] < 0.01
+    # A pole is one streamline, and ends in one layer.
+    for row in (0, -1):
+        assert np.ptp(chart.nodes[:, row], axis=1).max() == 0
+        assert np.ptp(chart.first_layer[row]) == np.ptp(chart.last_layer[row]) == 0
     # Over the hole there may be nothing outside; what is found lies on the right column.
     rows = atlas.uv.shape[0]
     pixels = pixel_grid(rows).reshape(-1, 2)
@@ -260,3 +264,21 @@ def test_a_flat_ring_hardly_folds(coarse_reference: None) -> None:
     turned = uv_to_direction(image[found], rows) - uv_to_direction(pixels[valid][found], rows)
     assert found.mean() > 0.95
     assert (np.linalg.norm(turned, axis=1) < 0.01).mean() > 0.995
+
+
+def test_where_the_space_is_said_to_reach_a_step_is_a_step(small_pipeline: Pipeline) -> None:
+    """Next to columns that end earlier, too: nothing is made of nodes that only repeat."""
+    deep = with_topography(depth_um=4.0)
+    chart = Pipeline(small_pipeline.source, dict(small_pipeline.kept)).run(deep).topography
+    rows = chart.shape[1]
+    rng = np.random.default_rng(0)
+    pixels = rng.uniform([-0.5, -0.5], [rows - 0.5, 2 * rows - 0.5], (20_000, 2))
+    step = chart.d_um[1] - chart.d_um[0]
+    ends = chart.d_um[[chart.first_layer.min(), chart.first_layer.max() + 2]]
+    d = rng.uniform(*ends, len(pixels))
+    world, valid = topography_to_world(chart, np.column_stack([d, pixels]))
+    above, _ = topography_to_world(chart, np.column_stack([d + step, pixels]))
+    assert 0.1 < valid.mean() < 0.9
+    length = np.linalg.norm(above - world, axis=1)[valid] / step
+    assert length.min() > 0.8
+    assert length.max() < 1.1

@@ -85,6 +85,8 @@ def topography(
     low, high = _layers_needed(image, d_um, first_layer.shape, inward)
     last_layer = np.full(first_layer.shape, len(nodes) - 1)
     folded = progress.run(trim_folded, nodes, first_layer, last_layer, low, high)
+    for row in (0, -1):  # all columns of a pole are one and the same
+        first_layer[row], last_layer[row] = first_layer[row].max(), last_layer[row].min()
     repeat_ends(nodes, first_layer, last_layer)
     progress(0.8, "mapping the mask")
     level = _mapped_level(nodes, mask, surface_parameters)
@@ -220,10 +222,11 @@ def _layers_needed(
     np.minimum.at(low, (row, column), np.floor(layer).astype(np.int64) - 1)
     np.maximum.at(high, (row, column), np.ceil(layer).astype(np.int64) + 1)
     size, mode = 2 * NEEDED_PIXELS + 1, ("nearest", "wrap")
-    return (
-        ndimage.minimum_filter(low, size=size, mode=mode),
-        ndimage.maximum_filter(high, size=size, mode=mode),
-    )
+    low = ndimage.minimum_filter(low, size=size, mode=mode)
+    high = ndimage.maximum_filter(high, size=size, mode=mode)
+    for pole in (0, -1):
+        low[pole], high[pole] = low[pole].min(), high[pole].max()
+    return low, high
 
 
 def _mapped_level(
@@ -309,11 +312,13 @@ def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]
     layer = (points[:, 0] - chart.d_um[0]) / step
     grid = np.column_stack([layer, rows_from_v(vu[:, 0], rows), np.mod(vu[:, 1], 2.0 * rows)])
     slack = 1e-9 * len(chart.d_um)
-    row = np.clip(np.rint(grid[:, 1]).astype(np.int64), 0, rows + 1)
-    column = np.rint(grid[:, 2]).astype(np.int64) % (2 * rows)
-    valid = (layer >= chart.first_layer[row, column] - slack) & (
-        layer <= chart.last_layer[row, column] + slack
-    )
+    valid = np.ones(len(grid), bool)
+    # All columns between which a point lies must reach its layer.
+    for r in (np.floor(grid[:, 1]), np.ceil(grid[:, 1])):
+        for c in (np.floor(grid[:, 2]), np.ceil(grid[:, 2])):
+            row, column = r.astype(np.int64).clip(0, rows + 1), c.astype(np.int64) % (2 * rows)
+            valid &= layer >= chart.first_layer[row, column] - slack
+            valid &= layer <= chart.last_layer[row, column] + slack
     valid &= np.isfinite(grid).all(axis=1)
     world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
     world[~valid] = np.nan
