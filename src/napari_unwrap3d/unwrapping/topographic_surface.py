@@ -8,6 +8,7 @@ from scipy import ndimage
 
 from ..charts import Floats, Ints
 from ..errors import EmptyMaskError
+from ..errors import EmptyMaskError
 from ..geometry.marching import clamped_marching_cubes
 
 QUANTUM = 1e-4
@@ -99,6 +100,12 @@ def _march_in_blocks(level: npt.NDArray[np.float32]) -> tuple[Floats, Ints]:
             "Nothing of the cell's mask lies in the mapped space.",
             layers=len(level),
             hint="Check that the mesh and the mask are of the same cell.",
+        )
+    if not all_vertices:
+        raise EmptyMaskError(
+            "There is no surface in the topography: the mapped mask is empty or full.",
+            largest=float(level.max()),
+            hint="Check the mask, or give the topography a greater depth.",
         )
     return np.concatenate(all_vertices), np.concatenate(all_faces)
 
