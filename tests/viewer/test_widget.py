@@ -48,6 +48,7 @@ def run(widget: UnwrapWidget, qtbot: Any) -> None:
     """Press Run and wait for the end."""
     with qtbot.waitSignal(widget.session.running_changed, timeout=SECONDS, check_params_cb=_ended):
         widget.run_button.click()
+    qtbot.waitUntil(lambda: not widget.session.running, timeout=1000 * 5)
 
 
 def _ended(running: bool) -> bool:

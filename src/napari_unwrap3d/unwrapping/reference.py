@@ -39,6 +39,7 @@ MASS_FLOOR = 1e-14
 # The flow smooths over many edges of a fine mesh: it loses nothing on a coarser one.
 FLOW_VERTICES = 40_000
 FIT_ROUNDS = 10
+BORDER_VOXELS = 6
 PLUG_FRACTION = 0.25
 PLUG_DEPTH_FRACTION = 0.6
 SMALLEST_PLUG_VOXELS = 2.0
@@ -88,6 +89,7 @@ def reference(
     start, start_faces = coarsened(*plugged(sealed, mask), progress.part(0.0, 0.05))
     flow = conformalized_flow(start, start_faces, parameters, progress.part(0.05, 0.6))
     placed = fit_to(flow.vertices, start, vertex_mass(start, start_faces))
+    mask = _with_border(mask)
     progress(0.62, "voxelising the reference")
     inside = voxelize(mask.to_index(placed), start_faces, mask.shape)
     solid = seal(without_spikes(_largest(inside)))
@@ -275,6 +277,12 @@ def mesh_level(
     while len(vertices) < FEWEST_VERTICES:
         vertices, faces = subdivide(vertices, faces)
     return relax(vertices, faces, progress, project=project)
+
+
+def _with_border(mask: Mask) -> Mask:
+    """The grid with room around it: where the cell fills it, the flow may lead outside."""
+    z, y, x = (o - BORDER_VOXELS * s for o, s in zip(mask.origin, mask.voxel_size, strict=True))
+    return Mask(np.pad(mask.data, BORDER_VOXELS), mask.voxel_size, (z, y, x))
 
 
 def _largest(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:

@@ -8,7 +8,6 @@ from scipy import ndimage
 
 from ..charts import Floats, Ints
 from ..errors import EmptyMaskError
-from ..errors import EmptyMaskError
 from ..geometry.marching import clamped_marching_cubes
 
 QUANTUM = 1e-4
