@@ -96,12 +96,6 @@ def _march_in_blocks(level: npt.NDArray[np.float32]) -> tuple[Floats, Ints]:
         count += len(vertices)
     if not all_vertices:
         raise EmptyMaskError(
-            "Nothing of the cell's mask lies in the mapped space.",
-            layers=len(level),
-            hint="Check that the mesh and the mask are of the same cell.",
-        )
-    if not all_vertices:
-        raise EmptyMaskError(
             "There is no surface in the topography: the mapped mask is empty or full.",
             largest=float(level.max()),
             hint="Check the mask, or give the topography a greater depth.",
