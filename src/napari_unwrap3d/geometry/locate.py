@@ -17,7 +17,7 @@ Ints = npt.NDArray[np.int64]
 ON_EDGE = 1e-13
 # Rounds of smoothing that take the steps of the mesh out of a label's border, and by how
 # much a vertex's own label stays ahead.
-LABEL_SMOOTHINGS = 4
+LABEL_SMOOTHINGS = 3
 LABEL_MARGIN = 0.05
 
 
