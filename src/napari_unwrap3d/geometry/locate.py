@@ -174,13 +174,13 @@ def interpolated_label(
 ) -> npt.NDArray[np.integer]:
     """Labels (n,) given at vertices, at places given by face and weights.
 
-    The smoothest indicators that agree with the labels at the vertices are interpolated,
-    and the largest wins: borders are found to a fraction of an edge, and lines of one
-    vertex stay (after Whitaker 2000, "Reducing aliasing artifacts in iso-surfaces of
+    Indicators smoothed over a few edges, but agreeing with the labels at the vertices, are
+    interpolated, and the largest wins: borders lose the steps of the mesh, and lines of
+    one vertex stay (after Whitaker 2000, "Reducing aliasing artifacts in iso-surfaces of
     binary volumes", here on a mesh).
     """
     names, index = np.unique(labels, return_inverse=True)
-    smooth = _smoothest_indicators(index.ravel(), faces)
+    smooth = _smoothed_indicators(index.ravel(), faces)
     size = len(labels)
     rows = np.repeat(np.arange(len(face)), 3)
     places = sparse.csr_array(
@@ -191,7 +191,7 @@ def interpolated_label(
     return winners
 
 
-def _smoothest_indicators(index: Ints, faces: Ints) -> sparse.csr_array:
+def _smoothed_indicators(index: Ints, faces: Ints) -> sparse.csr_array:
     """Indicator (n, labels) of every label, smoothed but largest for a vertex's own label."""
     size = len(index)
     half = sparse.coo_array(
