@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,23 +28,6 @@ def shared_data() -> Path:
     return folder
 
 
-@contextmanager
-def _coarse() -> Iterator[None]:
-    """References of small cells keep the few vertices they have, so that tests are quick."""
-    from napari_unwrap3d.unwrapping import reference
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(reference, "FEWEST_VERTICES", 0)
-        yield
-
-
-@pytest.fixture(scope="module")
-def coarse_reference() -> Iterator[None]:
-    """For a module that unwraps small cells itself."""
-    with _coarse():
-        yield
-
-
 @pytest.fixture(scope="session")
 def small_pipeline() -> Pipeline:
     """A pipeline that has unwrapped the small cell of tests/shapes.py; do not run it."""
@@ -54,8 +35,7 @@ def small_pipeline() -> Pipeline:
     from shapes import QUICK, small_cell_mask
 
     pipeline = Pipeline(small_cell_mask())
-    with _coarse():
-        pipeline.run(QUICK)
+    pipeline.run(QUICK)
     return pipeline
 
 
@@ -73,5 +53,4 @@ def handle_atlas() -> Atlas:
     from napari_unwrap3d.pipeline import unwrap
     from shapes import QUICK, small_cell_mask
 
-    with _coarse():
-        return unwrap(small_cell_mask(handle=True), QUICK)
+    return unwrap(small_cell_mask(handle=True), QUICK)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import trimesh
+from scipy import ndimage
 
 from napari_unwrap3d.charts import Floats, Ints, Mask
 from napari_unwrap3d.geometry.mesh import orient_outward, signed_volume
@@ -13,7 +14,7 @@ VOXEL_UM = 0.1
 # Enough for a small cell, quickly there, and its reference has none of the bumps.
 QUICK = Parameters.from_dict(
     {
-        "reference": {"stop": "fixed", "fixed_iteration": 10},
+        "reference": {"stop": "fixed", "fixed_iteration": 10, "vertices": 4000},
         "sphere": {"tolerance": 0.006},
         "uv": {"rows": 64},
     }
@@ -50,6 +51,29 @@ def trefoil(size: float) -> Floats:
     x = np.sin(t) + 2 * np.sin(2 * t)
     y = np.cos(t) - 2 * np.cos(2 * t)
     return size * np.stack([-np.sin(3 * t), y, x], axis=1)
+
+
+def knot() -> np.ndarray:
+    shape = (24, 46, 46)
+    return tube_along(trefoil(6.0) + (np.array(shape) - 1) / 2, 2.6, shape)
+
+
+def sponge(seed: int = 0, size: int = 18) -> np.ndarray:
+    """One component of random holes."""
+    noise = np.random.default_rng(seed).random((size,) * 3)
+    mask = ndimage.gaussian_filter(noise, 1.0) > 0.5
+    labels, _ = ndimage.label(mask, structure=np.ones((3, 3, 3)))
+    return np.pad(labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1, 4)
+
+
+def linked_rings_and_bar() -> np.ndarray:
+    mask = np.pad(torus(8, 2.2, (7, 27, 27)), ((12, 12), (4, 4), (4, 4)))
+    points = grid(mask.shape)
+    points[..., 1] -= 8  # a second ring through the first one
+    z, y, x = np.moveaxis(points, -1, 0)
+    mask |= np.hypot(np.hypot(y, z) - 8, x) < 2.2
+    mask[15, 4:31, 17:19] = True  # joined to one piece
+    return mask
 
 
 def icosphere(subdivisions: int = 3) -> tuple[Floats, Ints]:

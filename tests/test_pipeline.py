@@ -23,8 +23,6 @@ from napari_unwrap3d.pipeline import STEP_NAMES, STEPS, Pipeline, unwrap
 from napari_unwrap3d.progress import Progress
 from shapes import QUICK, VOXEL_UM, ball, grid, icosphere, lumpy, small_cell_mask
 
-pytestmark = pytest.mark.usefixtures("coarse_reference")
-
 
 def changed(group: str, **values: object) -> Parameters:
     step = getattr(QUICK, group).model_copy(update=values)
@@ -279,7 +277,7 @@ PLACE = np.array([10.0, 20, -5])
 
 
 @pytest.fixture(scope="module")
-def mesh_atlas(coarse_reference: None) -> Atlas:
+def mesh_atlas() -> Atlas:
     vertices, faces = lumpy(4, size=0.4)
     voxel = {"stack": {"working_voxel_um": 0.08}, "uv": {"rows": 48}}
     source = Surface(vertices + PLACE, faces, {"ink": np.arange(len(vertices))})

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +13,7 @@ from scipy import ndimage
 from .charts import Floats, TriangleMesh, Volume
 from .errors import AxesError, ChartMissingError, ParameterError
 from .geometry.interpolate import sample_linear, sample_nearest
-from .geometry.locate import interpolate, interpolated_label
+from .geometry.locate import LabelInterpolator, interpolate
 from .geometry.padding import sample_uv_linear, sample_uv_nearest
 from .progress import Progress
 from .unwrapping.uv import pixel_grid
@@ -35,7 +37,8 @@ def carry(
         return _to_topography(atlas, given, source, kind, progress)
     if source in ("reference", "sphere") and target == "uv":
         face, weights = atlas.uv.face.ravel(), atlas.uv.weights.reshape(-1, 3)
-        return _at_places(atlas.reference, given, face, weights, kind).reshape(atlas.uv.shape)
+        read = _interpolator(atlas.reference, given, kind)
+        return read(face, weights).reshape(atlas.uv.shape)
     if source == "surface" and target == "uv":
         return _outermost_image(atlas, given, kind)
     points, shape = _sample_points(atlas, target)
@@ -50,7 +53,9 @@ def _outermost_image(atlas: Atlas, values: npt.NDArray[Any], kind: str) -> npt.N
     """Values per vertex of the surface as the uv image of its outermost sheet."""
     outermost = atlas.outermost
     seen = outermost.face >= 0
-    found = _at_places(atlas.surface, values, outermost.face[seen], outermost.weights[seen], kind)
+    found = _interpolator(atlas.surface, values, kind)(
+        outermost.face[seen], outermost.weights[seen]
+    )
     label = kind == "label"
     image = np.full(seen.shape, 0 if label else np.nan, found.dtype if label else np.float64)
     image[seen] = found
@@ -111,12 +116,19 @@ def _pull_back(
     progress: Progress,
 ) -> npt.NDArray[Any]:
     """Values at the images of `points` (of the target) on the source."""
+    read = _reader(atlas, values, source, kind)
     parts = []
     for begin in range(0, len(points), CHUNK):
         progress(begin / len(points), f"carrying from {source} to {target}")
         part = slice(begin, begin + CHUNK)
         image, valid = _image(atlas, points[part], source, target, part)
-        parts.append(_look_up(atlas, values, source, image, valid, kind))
+        found = read(image[valid])
+        if kind == "label":
+            result = np.zeros((len(image), *found.shape[1:]), found.dtype)
+        else:
+            result = np.full((len(image), *found.shape[1:]), np.nan)
+        result[valid] = found
+        parts.append(result)
     return np.concatenate(parts)
 
 
@@ -130,32 +142,28 @@ def _image(
     return atlas.map(points, target, source)
 
 
-def _look_up(
-    atlas: Atlas,
-    values: Any,
-    source: str,
-    image: Floats,
-    valid: npt.NDArray[np.bool_],
-    kind: str,
-) -> npt.NDArray[Any]:
-    """Values of the source at points in its coordinates."""
+def _reader(
+    atlas: Atlas, values: Any, source: str, kind: str
+) -> Callable[[Floats], npt.NDArray[Any]]:
+    """What reads the values of the source at points in its coordinates."""
     label = kind == "label"
-    points = image[valid]
     if source == "uv":
-        found = (sample_uv_nearest if label else sample_uv_linear)(values, points)
-    elif source == "topography":
-        found = _sample_topography(atlas, values, points, label)
-    elif source == "volume":
-        found = _sample_volume(values, points, label)
-    else:
-        face, weights = _place(atlas, source, points)
-        found = _at_places(getattr(atlas, source), values, face, weights, kind)
-    if label:
-        result = np.zeros((len(image), *found.shape[1:]), found.dtype)
-    else:
-        result = np.full((len(image), *found.shape[1:]), np.nan)
-    result[valid] = found
-    return result
+        return partial(sample_uv_nearest if label else sample_uv_linear, values)
+    if source == "topography":
+        return lambda points: _sample_topography(atlas, values, points, label)
+    if source == "volume":
+        return lambda points: _sample_volume(values, points, label)
+    at_places = _interpolator(getattr(atlas, source), values, kind)
+    return lambda points: at_places(*_place(atlas, source, points))
+
+
+def _interpolator(
+    mesh: TriangleMesh, values: npt.NDArray[Any], kind: str
+) -> Callable[[Any, Floats], npt.NDArray[Any]]:
+    """What reads values given at vertices at places (face, weights)."""
+    if kind == "label":
+        return LabelInterpolator(values, mesh.faces).at
+    return partial(interpolate, values, mesh.faces)
 
 
 def _place(atlas: Atlas, source: str, points: Floats) -> tuple[Any, Any]:
@@ -164,14 +172,6 @@ def _place(atlas: Atlas, source: str, points: Floats) -> tuple[Any, Any]:
     locator = atlas._surface_locator if source == "surface" else atlas._reference_locator
     face, weights, _ = locator.closest(points)
     return face, weights
-
-
-def _at_places(
-    mesh: TriangleMesh, values: npt.NDArray[Any], face: Any, weights: Floats, kind: str
-) -> npt.NDArray[Any]:
-    if kind == "label":
-        return interpolated_label(values, mesh.faces, face, weights)
-    return interpolate(values, mesh.faces, face, weights)
 
 
 def _sample_volume(
@@ -212,7 +212,7 @@ def _to_topography(
     near = _near_surface(chart.mask)
     positions = chart.positions[near].astype(np.float64)
     face, weights, _ = atlas._surface_locator.closest(positions)
-    found = _at_places(atlas.surface, values, face, weights, kind)
+    found = _interpolator(atlas.surface, values, kind)(face, weights)
     filler = 0 if label else np.nan
     result = np.full(chart.shape, filler, found.dtype if label else np.float64)
     result[near] = found

@@ -246,10 +246,13 @@ class SealedSurface(TriangleMesh):
         ``position_um`` (z, y, x), ``volume_um3`` and ``kind``.
     membranes : Mask or None
         The voxels that close handles and holes; None if there are none.
+    cuts : Mask or None
+        The voxels that were taken away to open handles; None if there are none.
     """
 
     mask: Mask | None = None
     membranes: Mask | None = None
+    cuts: Mask | None = None
     sealed: tuple[Mapping[str, Any], ...] = ()
 
 
@@ -368,7 +371,8 @@ class Topography:
     meshed_vertices : ndarray, (p, 3), meshed_faces : ndarray, (q, 3)
         The paper's S_topo: marching cubes of the mapped mask, as (z, y, x) in µm.
     folded_cells : int
-        Cells of the grid whose Jacobian is not positive at every corner.
+        Cells next to the surface whose Jacobian would not be positive at every corner. They
+        are left out, with what lies beyond them: where the map is defined it does not fold.
     fields : mapping of str to ndarray, (N, 2N)
         ``height_um`` and ``mean_curvature_per_um`` of what lies outermost over each pixel.
     """

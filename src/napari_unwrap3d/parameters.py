@@ -108,6 +108,18 @@ class SurfaceParameters(StepParameters):
     )
 
 
+class SealedParameters(StepParameters):
+    """Sealed surface: genus 0 for every cell."""
+
+    handles: Literal["smaller", "seal", "cut"] = setting(
+        "smaller",
+        "Handles",
+        "seal: close the hole of every handle by a membrane; cut: cut every handle where it is "
+        "thinnest; smaller: for each handle what changes less volume.",
+        source="Step 1, genus-0 reference",
+    )
+
+
 class ReferenceParameters(StepParameters):
     """Reference (Step 1): smooth the surface to the cortex without protrusions."""
 
@@ -169,13 +181,14 @@ class ReferenceParameters(StepParameters):
         ge=0,
         le=5,
     )
-    vertex_fraction: float = setting(
-        0.9,
-        "Vertices kept",
-        "Vertices after remeshing, as a fraction of marching cubes' own.",
-        source="Datasets, ACVD 90 %",
-        gt=0.01,
-        le=1,
+    vertices: int = setting(
+        120_000,
+        "Vertices",
+        "Vertices of the reference's mesh, from which every map is made: labels carried through "
+        "it are as fine as they are.",
+        source="Datasets, ACVD 90 % of marching cubes' own",
+        ge=1_000,
+        le=400_000,
     )
 
 
@@ -254,6 +267,7 @@ class Parameters(StepParameters):
 
     stack: StackParameters = Field(default_factory=StackParameters, title="Stack")
     surface: SurfaceParameters = Field(default_factory=SurfaceParameters, title="Surface")
+    sealed: SealedParameters = Field(default_factory=SealedParameters, title="Sealed surface")
     reference: ReferenceParameters = Field(default_factory=ReferenceParameters, title="Reference")
     sphere: SphereParameters = Field(default_factory=SphereParameters, title="Sphere")
     uv: UVParameters = Field(default_factory=UVParameters, title="uv")
@@ -328,22 +342,22 @@ def _toml_lines(name: str, value: Any, info: Any) -> list[str]:
 
 PRESETS: dict[str, dict[str, Any]] = {
     "blebs": {
-        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-5, "vertex_fraction": 0.9},
+        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-5},
         "uv": {"rows": 512, "axis_weight": "mean_curvature"},
         "topography": {"step_voxels": 0.5},
     },
     "lamellipodia": {
-        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-5, "vertex_fraction": 0.9},
+        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-5},
         "uv": {"rows": 512, "axis_weight": "mean_curvature"},
         "topography": {"step_voxels": 0.5},
     },
     "filopodia": {
-        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-4, "vertex_fraction": 0.9},
+        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-4},
         "uv": {"rows": 512, "axis_weight": "mean_curvature"},
         "topography": {"step_voxels": 0.5},
     },
     "ruffles": {
-        "reference": {"iterations": 50, "delta": 1e-5, "threshold": 5e-5, "vertex_fraction": 0.1},
+        "reference": {"iterations": 50, "delta": 1e-5, "threshold": 5e-5},
         "uv": {"rows": 512, "axis_weight": "positive_curvature"},
         "topography": {"step_voxels": 0.5},
     },

@@ -38,7 +38,7 @@ Source = Stack | Mask | Surface
 ProgressLike = Progress | Callable[[str, float, str], None] | None
 
 # Part of every key: raise it when a step computes something else from the same input.
-STEP_VERSION = 1
+STEP_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,11 @@ def _surface(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> 
 
 def _sealed(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
     chart = sealed_surface(
-        pipeline.value("stack"), pipeline.value("surface"), parameters.surface, progress
+        pipeline.value("stack"),
+        pipeline.value("surface"),
+        parameters.surface,
+        parameters.sealed,
+        progress,
     )
     return chart, measure.measure_sealed(pipeline.value("surface"), chart)
 
@@ -307,7 +311,7 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
 STEPS = (
     Step("stack", _stack, ("stack",), ()),
     Step("surface", _surface, ("surface",), ("stack",)),
-    Step("sealed", _sealed, ("surface",), ("surface",)),
+    Step("sealed", _sealed, ("sealed", "surface"), ("surface",)),
     Step("reference", _reference, ("reference",), ("sealed",)),
     Step("sphere", _sphere, ("sphere",), ("reference",)),
     Step("uv", _uv, ("uv",), ("sphere",)),

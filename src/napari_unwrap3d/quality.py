@@ -97,7 +97,10 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ),
     ("uv", "unlocated_pixels"): Limit("pixels without a place", 0, 0, "every pixel has one"),
     ("topography", "folded_fraction"): Limit(
-        "folded cells (fraction)", 0, 0.001, "where the grid folds the map is not one to one"
+        "cells that would fold (fraction)",
+        0,
+        0.001,
+        "the map ends before them, so that it is one to one",
     ),
     ("topography", "unmapped_fraction"): Limit(
         "vertices without an image (fraction)", 0, 0.001, "they lie outside of the mapped shell"

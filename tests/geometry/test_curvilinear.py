@@ -179,7 +179,7 @@ def test_columns_end_before_they_fold() -> None:
     nodes = folded_below(4, 15, 30)
     first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
     assert count_folded(nodes, first, last)[0] > 0
-    assert trim_folded(nodes, first, last, *whole(6, 8)) == 0
+    assert trim_folded(nodes, first, last, 7, *whole(6, 8)) == 0
     assert count_folded(nodes, first, last)[0] == 0
     assert (last == LAYERS - 1).all()
     assert first[15, 30] in (4, 5)
@@ -192,20 +192,35 @@ def test_columns_end_on_the_outside_too() -> None:
     nodes = NODES.copy()
     nodes[8:, 15, 30] = NODES[8:, 15, 33]
     first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
-    assert trim_folded(nodes, first, last, *whole(2, 5)) == 0
+    assert trim_folded(nodes, first, last, 3, *whole(2, 5)) == 0
     assert count_folded(nodes, first, last)[0] == 0
     assert (first == 0).all()
     assert last[15, 30] in (6, 7)
 
 
-def test_what_is_needed_is_kept_and_its_folds_are_counted() -> None:
+def test_folds_in_what_is_needed_are_counted_and_left_out_all_the_same() -> None:
     nodes = folded_below(4, 15, 30)
     first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
     before = count_folded(nodes, first, last)[0]
-    assert trim_folded(nodes, first, last, *whole(0, LAYERS - 1)) == before
+    assert 0 < trim_folded(nodes, first, last, 7, *whole(0, LAYERS - 1)) <= before
+    assert count_folded(nodes, first, last)[0] == 0
+    assert (last == LAYERS - 1).all()
+
+
+def test_a_fold_right_at_the_start_leaves_nothing_beyond_it() -> None:
+    nodes = NODES.copy()
+    nodes[6, 15, 30] = NODES[6, 15, 33]
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    assert trim_folded(nodes, first, last, 5, *whole(5, 6)) > 0
+    assert count_folded(nodes, first, last)[0] == 0
     assert (first == 0).all()
+    assert last[15, 30] == 5
+
+
+def test_a_sound_grid_keeps_all_its_columns() -> None:
     sound = NODES.copy()
-    assert trim_folded(sound, first, last, *whole(5, 6)) == 0
+    first, last = ALL.copy(), np.full(ALL.shape, LAYERS - 1)
+    assert trim_folded(sound, first, last, 5, *whole(5, 6)) == 0
     assert (first == 0).all()
     assert (last == LAYERS - 1).all()
 

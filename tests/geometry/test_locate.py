@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import NotLocatedError
 from napari_unwrap3d.geometry.locate import (
+    LabelInterpolator,
     SphericalLocator,
     SurfaceLocator,
     barycentric,
     interpolate,
-    interpolated_label,
 )
 from shapes import directions, icosphere, lumpy, rotation
 
@@ -176,7 +176,7 @@ def test_labels_stay_where_they_are_and_borders_run_between() -> None:
     labels = np.where(vertices[:, 0] > 0.1, 9, 4).astype(np.uint16)
     where = directions(4000)
     face, weights = SphericalLocator(vertices, faces).locate(where)
-    found = interpolated_label(labels, faces, face, weights)
+    found = LabelInterpolator(labels, faces).at(face, weights)
     assert found.dtype == np.uint16
     edge = 0.08
     assert (found[where[:, 0] > 0.1 + edge] == 9).all()
@@ -190,14 +190,14 @@ def test_a_thin_line_of_labels_is_not_lost() -> None:
     labels = np.where(line, 5, 0)
     on_line = (line[faces].sum(axis=1) >= 2).nonzero()[0]
     corner = line[faces[on_line]].argmax(axis=1)
-    found = interpolated_label(labels, faces, on_line, np.eye(3)[corner])
+    found = LabelInterpolator(labels, faces).at(on_line, np.eye(3)[corner])
     assert (found == 5).all()
 
 
 def test_one_label_everywhere_stays_everywhere() -> None:
     vertices, faces = icosphere(2)
     face, weights = SphericalLocator(vertices, faces).locate(directions(200))
-    found = interpolated_label(np.full(len(vertices), -3), faces, face, weights)
+    found = LabelInterpolator(np.full(len(vertices), -3), faces).at(face, weights)
     assert set(found) == {-3}
-    none = interpolated_label(np.zeros(len(vertices), int), faces, face[:0], weights[:0])
+    none = LabelInterpolator(np.zeros(len(vertices), int), faces).at(face[:0], weights[:0])
     assert len(none) == 0

@@ -18,32 +18,9 @@ from napari_unwrap3d.geometry.topology import (
     seal,
     sealed_parts,
 )
-from shapes import ball, grid, torus, trefoil, tube_along
+from shapes import ball, knot, linked_rings_and_bar, sponge, torus
 
 masks = arrays(bool, array_shapes(min_dims=3, max_dims=3, min_side=2, max_side=7))
-
-
-def knot() -> np.ndarray:
-    shape = (24, 46, 46)
-    return tube_along(trefoil(6.0) + (np.array(shape) - 1) / 2, 2.6, shape)
-
-
-def sponge(seed: int = 0, size: int = 18) -> np.ndarray:
-    """One component of random holes."""
-    noise = np.random.default_rng(seed).random((size,) * 3)
-    mask = ndimage.gaussian_filter(noise, 1.0) > 0.5
-    labels, _ = ndimage.label(mask, structure=np.ones((3, 3, 3)))
-    return np.pad(labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1, 4)
-
-
-def linked_rings_and_bar() -> np.ndarray:
-    mask = np.pad(torus(8, 2.2, (7, 27, 27)), ((12, 12), (4, 4), (4, 4)))
-    points = grid(mask.shape)
-    points[..., 1] -= 8  # a second ring through the first one
-    z, y, x = np.moveaxis(points, -1, 0)
-    mask |= np.hypot(np.hypot(y, z) - 8, x) < 2.2
-    mask[15, 4:31, 17:19] = True  # joined to one piece
-    return mask
 
 
 @given(mask=masks)

@@ -65,9 +65,9 @@ def test_what_was_sealed_is_counted_and_summed(handle_atlas: Atlas, small_atlas:
     assert numbers["sealed_volume_um3"] == pytest.approx(volume)
     largest = max(parts, key=lambda part: part["volume_um3"])
     centre = handle_atlas.mask.to_world((np.array(handle_atlas.mask.shape) - 1) / 2)
-    # The arch stands on −x, so its membrane is there.
+    # The arch stands on −x, so its membrane or the cut through it is there.
     offset = (np.array(largest["position_um"]) - centre) / VOXEL_UM
-    np.testing.assert_allclose(offset, [0, 0, -18], atol=4)
+    np.testing.assert_allclose(offset, [0, 0, -18], atol=6)
 
 
 def test_areas_agree_between_the_charts(small_atlas: Atlas) -> None:

@@ -17,7 +17,7 @@ from napari_unwrap3d.geometry.mesh import (
     signed_volume,
 )
 from napari_unwrap3d.geometry.topology import euler_characteristic as solid_euler
-from napari_unwrap3d.parameters import ReferenceParameters, SurfaceParameters
+from napari_unwrap3d.parameters import ReferenceParameters, SealedParameters, SurfaceParameters
 from napari_unwrap3d.progress import Progress, silent
 from napari_unwrap3d.unwrapping import reference as reference_step
 from napari_unwrap3d.unwrapping.reference import (
@@ -31,9 +31,9 @@ from napari_unwrap3d.unwrapping.reference import (
 from napari_unwrap3d.unwrapping.surface import sealed_surface, surface
 from shapes import ball, grid, icosphere, lumpy, rotation, torus
 
-pytestmark = pytest.mark.usefixtures("coarse_reference")
-
 FIXED = ReferenceParameters(stop="fixed", fixed_iteration=8, iterations=8)
+# As many vertices as such small solids have voxels on their boundary.
+SMALL = ReferenceParameters(vertices=4000)
 
 
 def bumpy() -> tuple[np.ndarray, np.ndarray]:
@@ -58,7 +58,7 @@ def three_handles() -> Mask:
 def sealed_of(mask: Mask) -> SealedSurface:
     parameters = SurfaceParameters()
     plain = surface(mask, parameters, None, silent())
-    return sealed_surface(mask, plain, parameters, silent())
+    return sealed_surface(mask, plain, parameters, SealedParameters(handles="seal"), silent())
 
 
 def test_the_flow_makes_the_body_rounder_at_every_iteration() -> None:
@@ -201,7 +201,7 @@ def test_the_level_function_has_the_sign_of_its_solid() -> None:
 def test_a_surface_with_three_handles_gets_a_reference_of_genus_zero() -> None:
     mask = three_handles()
     sealed = sealed_of(mask)
-    chart = reference(sealed, ReferenceParameters(), silent())
+    chart = reference(sealed, SMALL, silent())
     assert surface(mask, SurfaceParameters(), None, silent()).report["genus"] == 3
     assert euler_characteristic(chart.faces) == 2
     assert is_watertight(chart.faces)
@@ -222,7 +222,7 @@ def test_a_surface_with_three_handles_gets_a_reference_of_genus_zero() -> None:
 
 def test_the_reference_of_a_ball_is_the_ball() -> None:
     mask = Mask(ball(14, 43), (0.1,) * 3)
-    chart = reference(sealed_of(mask), ReferenceParameters(), silent())
+    chart = reference(sealed_of(mask), SMALL, silent())
     radius = np.linalg.norm(chart.vertices - 2.1, axis=1) / 0.1
     assert radius.mean() == pytest.approx(14, abs=0.25)
     assert np.abs(radius - 14).max() < 1.0
@@ -231,12 +231,17 @@ def test_the_reference_of_a_ball_is_the_ball() -> None:
     assert len(chart.total_curvature) == chart.iteration + 1
 
 
-@pytest.mark.parametrize("fraction", [0.3, 0.9])
-def test_the_number_of_vertices_is_a_parameter(fraction: float) -> None:
+@pytest.mark.parametrize("vertices", [1000, 8000])
+def test_the_number_of_vertices_is_a_parameter(vertices: int) -> None:
+    """Fewer and more than marching cubes has: every map is as fine as this mesh."""
     mask = Mask(ball(14, 43), (0.1,) * 3)
-    chart = reference(sealed_of(mask), ReferenceParameters(vertex_fraction=fraction), silent())
-    all_vertices = len(clamped_marching_cubes(chart.level.data)[0])
-    assert len(chart.vertices) == pytest.approx(fraction * all_vertices, rel=0.03)
+    chart = reference(sealed_of(mask), ReferenceParameters(vertices=vertices), silent())
+    assert 1000 < len(clamped_marching_cubes(chart.level.data)[0]) < 8000
+    assert len(chart.vertices) == pytest.approx(vertices, rel=0.03)
+    assert euler_characteristic(chart.faces) == 2
+    assert is_watertight(chart.faces)
+    volume = signed_volume(chart.vertices, chart.faces)
+    assert volume == pytest.approx(chart.mask.data.sum() * 0.1**3, rel=0.03)
 
 
 def test_a_sealed_surface_without_a_solid_is_an_error() -> None:
@@ -245,31 +250,33 @@ def test_a_sealed_surface_without_a_solid_is_an_error() -> None:
         reference(SealedSurface(vertices, faces), ReferenceParameters(), silent())
 
 
-def test_a_small_cell_gets_a_finer_reference(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Every map is only as fine as the mesh of the reference."""
-    mask = Mask(ball(10, 33), (0.1,) * 3)
-    coarse = reference(sealed_of(mask), ReferenceParameters(), silent())
-    monkeypatch.setattr(reference_step, "FEWEST_VERTICES", 2 * len(coarse.vertices))
-    fine = reference(sealed_of(mask), ReferenceParameters(), silent())
-    assert len(fine.vertices) > 3.9 * len(coarse.vertices)
-    assert euler_characteristic(fine.faces) == 2
-    assert is_watertight(fine.faces)
-    assert signed_volume(fine.vertices, fine.faces) == pytest.approx(
-        signed_volume(coarse.vertices, coarse.faces), rel=0.01
-    )
-
-
 def test_a_ring_gets_a_plug_instead_of_its_membrane() -> None:
     """A sheet of one voxel would have no inside for the normals to go to."""
     mask = Mask(torus(13, 6, (25, 51, 51)), (0.1,) * 3)
     sealed = sealed_of(mask)
     middle = sealed.mask.data[:, 25, 25].sum()
-    chart = reference(sealed, ReferenceParameters(), silent())
+    chart = reference(sealed, SMALL, silent())
     assert 1 <= middle <= 2 < chart.mask.data[:, 25, 25].sum()
     assert euler_characteristic(chart.faces) == 2
     plugged_mesh = reference_step.plugged(sealed, sealed.mask)
     assert euler_characteristic(plugged_mesh[1]) == 2
     assert signed_volume(*plugged_mesh) > signed_volume(sealed.vertices, sealed.faces)
+
+
+def test_a_cut_becomes_a_gap() -> None:
+    """The two ends at a slit of one voxel would grow together again."""
+    mask = Mask(torus(15, 4, (21, 51, 51)), (0.1,) * 3)
+    plain = surface(mask, SurfaceParameters(), None, silent())
+    cut = sealed_surface(
+        mask, plain, SurfaceParameters(), SealedParameters(handles="cut"), silent()
+    )
+    assert cut.membranes is None or cut.membranes.data.sum() <= 2
+    opened, faces = reference_step.plugged(cut, cut.mask)
+    assert euler_characteristic(faces) == 2
+    assert signed_volume(opened, faces) < signed_volume(cut.vertices, cut.faces)
+    # The hole stays a hole: nothing of the mesh is near the middle of the ring.
+    middle = np.array([1.0, 2.5, 2.5])
+    assert np.linalg.norm(opened - middle, axis=1).min() > 0.9
 
 
 def test_without_membranes_the_flow_starts_from_the_sealed_surface() -> None:

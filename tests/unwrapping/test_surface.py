@@ -14,7 +14,7 @@ from napari_unwrap3d.geometry.mesh import (
 )
 from napari_unwrap3d.geometry.topology import euler_characteristic as solid_euler
 from napari_unwrap3d.geometry.topology import is_well_composed
-from napari_unwrap3d.parameters import SurfaceParameters
+from napari_unwrap3d.parameters import SealedParameters, SurfaceParameters
 from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.surface import sealed_surface, smooth_solid, surface
 from shapes import ball, grid, icosphere, torus
@@ -31,8 +31,9 @@ def made(solid: np.ndarray, **changes: float) -> Surface:
     return surface(mask_of(solid), SurfaceParameters(**changes), None, silent())
 
 
-def sealed(solid: np.ndarray):
-    return sealed_surface(mask_of(solid), made(solid), SurfaceParameters(), silent())
+def sealed(solid: np.ndarray, handles: str = "seal"):
+    closing = SealedParameters(handles=handles)
+    return sealed_surface(mask_of(solid), made(solid), SurfaceParameters(), closing, silent())
 
 
 def test_smoothing_keeps_the_largest_piece_and_drops_the_islands() -> None:
@@ -136,6 +137,22 @@ def test_a_ring_is_sealed_and_the_membrane_reported_in_space() -> None:
     np.testing.assert_allclose(part["position_um"], centre, atol=EDGE)
     voxels = (chart.mask.data & ~smooth).sum()
     assert part["volume_um3"] == pytest.approx(voxels * EDGE**3)
+
+
+def test_a_cut_is_reported_in_space_too() -> None:
+    solid = torus(11, 4, (17, 41, 41))
+    chart = sealed(solid, "cut")
+    assert_is_a_sphere(chart)
+    _, smooth = smooth_solid(solid, 1.0)
+    assert (chart.mask.data <= smooth).all()
+    assert chart.membranes is None
+    part = chart.sealed[0]
+    assert part["kind"] == "cut"
+    voxels = (smooth & ~chart.mask.data).sum()
+    assert chart.cuts.data.sum() == voxels
+    assert sum(p["volume_um3"] for p in chart.sealed) == pytest.approx(voxels * EDGE**3)
+    ring = np.linalg.norm(np.array(part["position_um"]) - ORIGIN - EDGE * np.array([8, 20, 20]))
+    assert ring == pytest.approx(11 * EDGE, abs=EDGE)
 
 
 def test_a_cavity_is_sealed_too() -> None:

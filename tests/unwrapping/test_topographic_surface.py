@@ -13,7 +13,11 @@ from napari_unwrap3d.geometry.mesh import (
     is_watertight,
     signed_volume,
 )
-from napari_unwrap3d.unwrapping.topographic_surface import cut_at_seam, mesh_mapped_mask
+from napari_unwrap3d.unwrapping.topographic_surface import (
+    cut_at_seam,
+    faces_in_columns,
+    mesh_mapped_mask,
+)
 from napari_unwrap3d.unwrapping.uv import direction_to_uv, pixel_grid, uv_to_direction
 from shapes import icosphere
 
@@ -130,3 +134,36 @@ def test_the_cut_mesh_of_the_cell_is_its_own_mesh(small_atlas: Atlas) -> None:
     assert len(chart.cut_faces) == len(faces)
     np.testing.assert_array_equal(chart.cut_origin[chart.cut_faces], faces)
     assert not degenerate_faces(chart.meshed_vertices, chart.meshed_faces).mean() > 0.01
+
+
+def meshed_sphere() -> tuple[np.ndarray, np.ndarray]:
+    """The mesh of layers up to 10 of the shell, in grid coordinates."""
+    level = np.where(np.arange(LAYERS) <= 10, 0.5, -0.5).astype(np.float32)
+    return mesh_mapped_mask(
+        np.broadcast_to(level[:, None, None], (LAYERS, ROWS + 2, 2 * ROWS)).copy(), 0.0
+    )
+
+
+def test_whole_columns_lose_no_face() -> None:
+    vertices, faces = meshed_sphere()
+    shape = (ROWS + 2, 2 * ROWS)
+    kept = faces_in_columns(vertices, faces, np.zeros(shape, np.int64), np.full(shape, LAYERS - 1))
+    assert kept[0] is vertices
+    assert kept[1] is faces
+
+
+@pytest.mark.parametrize("column", [20, 0, 2 * ROWS - 1])
+def test_faces_at_columns_that_end_before_them_are_none(column: int) -> None:
+    """At the seam, too, where a face has corners at both ends of the row."""
+    vertices, faces = meshed_sphere()
+    shape = (ROWS + 2, 2 * ROWS)
+    first, last = np.zeros(shape, np.int64), np.full(shape, LAYERS - 1)
+    first[16, column] = 12
+    left, fewer = faces_in_columns(vertices, faces, first, last)
+    # The four cells around the column, of two faces each.
+    assert len(faces) - len(fewer) == 8
+    distance = np.abs(left[:, 2] - column)
+    distance = np.minimum(distance, 2 * ROWS - distance)
+    assert np.hypot(distance, left[:, 1] - 16).min() > 0.9
+    first[16, column], last[16, column] = 0, 9
+    assert len(faces_in_columns(vertices, faces, first, last)[1]) == len(fewer)

@@ -23,13 +23,11 @@ from napari_unwrap3d.unwrapping.topography import (
 from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
 from shapes import QUICK, VOXEL_UM, ball, cell_centre, directions, torus
 
-pytestmark = pytest.mark.usefixtures("coarse_reference")
-
 RADIUS = 13.0
 
 
 @pytest.fixture(scope="module")
-def round_cell(coarse_reference: None) -> Atlas:
+def round_cell() -> Atlas:
     """A ball, whose topography is flat."""
     rows = QUICK.model_copy(update={"uv": QUICK.uv.model_copy(update={"rows": 48})})
     return unwrap(Mask(ball(RADIUS, 41), (VOXEL_UM,) * 3), rows)
@@ -241,16 +239,17 @@ def test_a_cell_far_from_the_origin_is_mapped_as_well(round_cell: Atlas) -> None
     assert there["meshed_volume_um3"] == pytest.approx(near["meshed_volume_um3"], rel=1e-3)
 
 
-def test_a_flat_ring_hardly_folds(coarse_reference: None) -> None:
+def test_a_flat_ring_does_not_fold() -> None:
     """Its reference is flat: the normals meet in the middle before they are at the depth."""
     mask = Mask(torus(18, 7, (30, 66, 66)), (VOXEL_UM,) * 3)
-    atlas = unwrap(mask, Parameters.from_dict({"uv": {"rows": 64}}))
+    atlas = unwrap(
+        mask, Parameters.from_dict({"uv": {"rows": 64}, "reference": {"vertices": 8000}})
+    )
     chart, quality = atlas.topography, atlas.quality["topography"]
     assert atlas.surface.report["genus"] == 1
-    folded = count_folded(chart.nodes, chart.first_layer, chart.last_layer)[0]
-    assert folded == chart.folded_cells
+    assert count_folded(chart.nodes, chart.first_layer, chart.last_layer)[0] == 0
     assert quality["folded_fraction"] < 1e-3
-    assert quality["unmapped_fraction"] < 2e-3
+    assert quality["unmapped_fraction"] < 5e-3
     assert quality["round_trip_max_voxels"] < 0.01
     # A pole is one streamline, and ends in one layer.
     for row in (0, -1):

@@ -182,25 +182,27 @@ def repeat_ends(nodes, first, last):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def trim_folded(nodes, first, last, low, high):  # type: ignore[no-untyped-def]
-    """Shorten columns to where their cells are not folded, in place.
+def trim_folded(nodes, first, last, start, low, high):  # type: ignore[no-untyped-def]
+    """Shorten columns to where none of their cells is folded, in place.
 
     Parameters
     ----------
     nodes : ndarray, (D, N + 2, 2N, 3) float32
     first, last : ndarray, (N + 2, 2N) int64
         First and last layer that each column reaches; moved past folded cells.
+    start : int
+        The layer that all columns start from.
     low, high : ndarray, (N + 2, 2N) int64
-        Layers between which a column must stay whole.
+        Layers between which a column is needed.
 
     Returns
     -------
     int
-        Number of folded cells that are left, all within what must stay whole.
+        Number of folded cells within what is needed: what lies beyond them is lost.
     """
     _, rows, columns, _ = nodes.shape
     p = np.empty((2, 2, 2, 3), np.float64)
-    left = 0
+    lost = 0
     for b in range(rows - 1):
         for c in range(columns):
             e = c + 1 if c + 1 < columns else 0
@@ -212,18 +214,17 @@ def trim_folded(nodes, first, last, low, high):  # type: ignore[no-untyped-def]
                 lowest, _ = _lowest_determinant(nodes, a, b, c, e, p)
                 if lowest > 0:
                     continue
-                if a < bottom:
+                lost += bottom <= a < top
+                if a < start:
                     for r in (b, b + 1):
                         for k in (c, e):
                             first[r, k] = max(first[r, k], a + 1)
-                elif a >= top:
+                else:
                     for r in (b, b + 1):
                         for k in (c, e):
                             last[r, k] = min(last[r, k], a)
                     break
-                else:
-                    left += 1
-    return left
+    return lost
 
 
 @numba.njit(nogil=True, cache=True)

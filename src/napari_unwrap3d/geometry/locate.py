@@ -169,26 +169,30 @@ def interpolate(
     return result
 
 
-def interpolated_label(
-    labels: npt.NDArray[np.integer], faces: Ints, face: Ints, weights: Floats
-) -> npt.NDArray[np.integer]:
-    """Labels (n,) given at vertices, at places given by face and weights.
+class LabelInterpolator:
+    """Labels (n,) given at vertices, at any places on the mesh.
 
     Indicators smoothed over a few edges, but agreeing with the labels at the vertices, are
     interpolated, and the largest wins: borders lose the steps of the mesh, and lines of
     one vertex stay (after Whitaker 2000, "Reducing aliasing artifacts in iso-surfaces of
     binary volumes", here on a mesh).
     """
-    names, index = np.unique(labels, return_inverse=True)
-    smooth = _smoothed_indicators(index.ravel(), faces)
-    size = len(labels)
-    rows = np.repeat(np.arange(len(face)), 3)
-    places = sparse.csr_array(
-        (weights.ravel(), (rows, faces[face].ravel())), shape=(len(face), size)
-    )
-    votes = sparse.csr_array(places @ smooth)
-    winners: npt.NDArray[np.integer] = names[_largest_column(votes)]
-    return winners
+
+    def __init__(self, labels: npt.NDArray[np.integer], faces: Ints) -> None:
+        self._names, index = np.unique(labels, return_inverse=True)
+        self._smooth = _smoothed_indicators(index.ravel(), faces)
+        self._faces = faces
+
+    def at(self, face: Ints, weights: Floats) -> npt.NDArray[np.integer]:
+        """Labels at places given by face (k,) and weights (k, 3)."""
+        rows = np.repeat(np.arange(len(face)), 3)
+        places = sparse.csr_array(
+            (weights.ravel(), (rows, self._faces[face].ravel())),
+            shape=(len(face), self._smooth.shape[0]),
+        )
+        votes = sparse.csr_array(places @ self._smooth)
+        winners: npt.NDArray[np.integer] = self._names[_largest_column(votes)]
+        return winners
 
 
 def _smoothed_indicators(index: Ints, faces: Ints) -> sparse.csr_array:

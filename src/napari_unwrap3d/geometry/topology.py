@@ -180,24 +180,25 @@ def _place(part: Solid, box: tuple[slice, ...], shape: tuple[int, ...], pad: int
 
 
 def sealed_parts(mask: Solid, ball: Solid, *, smallest: int = 1) -> tuple[dict[str, Any], ...]:
-    """What sealing added, one entry per connected part, largest first.
+    """What closing handles changed, one entry per connected part, largest first.
 
     Each entry has ``kind`` ("cavity": enclosed by the mask; "membrane": across a handle
-    or hole; "contact": a few voxels that separate what touched at an edge or corner),
-    ``position`` (z, y, x) in voxels and ``voxels``.
+    or hole; "cut": through a handle; "contact": a few voxels where the mask touched
+    itself at an edge or corner), ``position`` (z, y, x) in voxels and ``voxels``.
     """
     filled = fill_cavities(mask)
     parts: list[dict[str, Any]] = []
-    for kind, added in (("cavity", filled & ~mask), ("membrane", ball & ~filled)):
-        labels, count = ndimage.label(added, structure=np.ones((3, 3, 3)))
+    changes = (("cavity", filled & ~mask), ("membrane", ball & ~filled), ("cut", filled & ~ball))
+    for kind, changed in changes:
+        labels, count = ndimage.label(changed, structure=np.ones((3, 3, 3)))
         if count == 0:
             continue
         index = np.arange(1, count + 1)
         sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-        centres = ndimage.center_of_mass(added, labels, index)
+        centres = ndimage.center_of_mass(changed, labels, index)
         for size, centre in zip(sizes, centres, strict=True):
             if size >= smallest:
-                name = "contact" if kind == "membrane" and size <= 2 else kind
+                name = "contact" if kind != "cavity" and size <= 2 else kind
                 position = tuple(float(c) for c in centre)
                 parts.append({"kind": name, "position": position, "voxels": int(size)})
     return tuple(sorted(parts, key=lambda part: -part["voxels"]))

@@ -46,9 +46,6 @@ SMALLEST_PLUG_VOXELS = 2.0
 # The reference is smooth; what is finer than this in its curvature are its voxels.
 CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
-# A small cell's reference is subdivided until it has as many: maps are as fine as its mesh.
-# A large cell's is thinned out to the most: finer costs time and shows nothing more.
-FEWEST_VERTICES, MOST_VERTICES = 25_000, 65_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +92,7 @@ def reference(
     solid = seal(without_spikes(_largest(inside)))
     progress(0.72, "meshing the reference")
     level = level_function(solid, parameters.smoothing_voxels)
-    vertices, faces = mesh_level(level, parameters.vertex_fraction, progress.part(0.75, 0.95))
+    vertices, faces = mesh_level(level, parameters.vertices, progress.part(0.75, 0.95))
     chi = euler_characteristic(faces)
     if chi != 2 or not is_watertight(faces):
         raise NotGenusZeroError(
@@ -118,18 +115,34 @@ def reference(
 
 
 def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
-    """The sealed surface with its membranes made as thick as the shape around them.
+    """The sealed surface with its membranes and cuts as thick as the shape around them.
 
     A membrane of one voxel would stay a crease in the reference, into which no normals
-    lead; a plug smooths away.
+    lead, and a slit of one voxel would close; a plug and a gap smooth away.
     """
-    if sealed.membranes is None:
+    solid = mask.data
+    deepest = float(distance_to(~solid).max())
+    plugs = _thickened(sealed.membranes, deepest)
+    gaps = _thickened(sealed.cuts, deepest)
+    if plugs is None and gaps is None:
         return sealed.vertices, sealed.faces
-    solid = mask.data.copy()
-    labels, _ = ndimage.label(sealed.membranes.data, structure=np.ones((3, 3, 3)))
-    if np.sqrt(np.bincount(labels.ravel())[1:].max() / np.pi) < SMALLEST_PLUG_VOXELS:
-        return sealed.vertices, sealed.faces
-    deepest = float(distance_to(~mask.data).max())
+    if plugs is not None:
+        solid = solid | plugs
+    if gaps is not None:
+        opened = _largest(solid & ~gaps)
+        # Nothing but the gap may be lost: a gap must not cut off an arm.
+        if (solid & ~opened & ~gaps).sum() <= gaps.sum():
+            solid = opened
+    vertices, faces = clamped_marching_cubes(level_function(seal(solid), 1.0))
+    return mask.to_world(vertices), faces
+
+
+def _thickened(sheets: Mask | None, deepest: float) -> npt.NDArray[np.bool_] | None:
+    """Sheets of voxels made as thick as their size asks for; None if all are tiny."""
+    if sheets is None:
+        return None
+    labels, _ = ndimage.label(sheets.data, structure=np.ones((3, 3, 3)))
+    thick_sheets = np.zeros(labels.shape, bool)
     for part, box in enumerate(ndimage.find_objects(labels), start=1):
         radius = np.sqrt((labels[box] == part).sum() / np.pi)
         if radius < SMALLEST_PLUG_VOXELS:
@@ -138,11 +151,10 @@ def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
         pad = int(np.ceil(thick)) + 1
         wide = tuple(
             slice(max(b.start - pad, 0), min(b.stop + pad, n))
-            for b, n in zip(box, mask.shape, strict=True)
+            for b, n in zip(box, labels.shape, strict=True)
         )
-        solid[wide] |= distance_to(labels[wide] == part) <= thick
-    vertices, faces = clamped_marching_cubes(level_function(seal(solid), 1.0))
-    return mask.to_world(vertices), faces
+        thick_sheets[wide] |= distance_to(labels[wide] == part) <= thick
+    return thick_sheets if thick_sheets.any() else None
 
 
 def coarsened(vertices: Floats, faces: Ints, progress: Progress) -> tuple[Floats, Ints]:
@@ -265,17 +277,20 @@ def level_function(solid: npt.NDArray[np.bool_], smoothing: float) -> npt.NDArra
 
 
 def mesh_level(
-    level: npt.NDArray[np.float32], vertex_fraction: float, progress: Progress
+    level: npt.NDArray[np.float32], target: int, progress: Progress
 ) -> tuple[Floats, Ints]:
-    """Near-equilateral mesh of the zero set, in index coordinates, topology kept."""
+    """Near-equilateral mesh of the zero set, in index coordinates, topology kept.
+
+    Every cell gets the same number of vertices, a small one by subdivision: the maps, and
+    labels carried through them, are as fine as this mesh.
+    """
     vertices, faces = clamped_marching_cubes(level)
-    target = max(int(min(vertex_fraction * len(vertices), MOST_VERTICES)), 500)
+    while len(vertices) < target:
+        vertices, faces = subdivide(vertices, faces)
     fewer, triangles = progress.run(simplify, vertices, faces, target)
     if euler_characteristic(triangles) == euler_characteristic(faces) and is_watertight(triangles):
         vertices, faces = fewer, triangles
     project = level_set_projection(ndimage.gaussian_filter(level, 0.5))
-    while len(vertices) < FEWEST_VERTICES:
-        vertices, faces = subdivide(vertices, faces)
     return relax(vertices, faces, progress, project=project)
 
 

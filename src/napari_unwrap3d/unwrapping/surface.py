@@ -12,6 +12,7 @@ from ..charts import Ints, Mask, SealedSurface, Surface
 from ..errors import EmptyMaskError, TooSmallError
 from ..geometry.curvature import angle_deficit, mean_curvature
 from ..geometry.distance import signed_distance
+from ..geometry.handles import ball_without_handles
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import (
     connected_components,
@@ -20,8 +21,8 @@ from ..geometry.mesh import (
     mesh_report,
 )
 from ..geometry.repair import repair
-from ..geometry.topology import fill_cavities, seal, sealed_parts
-from ..parameters import SurfaceParameters
+from ..geometry.topology import fill_cavities, sealed_parts
+from ..parameters import SealedParameters, SurfaceParameters
 from ..progress import Progress
 
 SMALLEST_VOXELS = 500
@@ -117,15 +118,20 @@ def surface(
 
 
 def sealed_surface(
-    mask: Mask, surface: Surface, parameters: SurfaceParameters, progress: Progress
+    mask: Mask,
+    surface: Surface,
+    parameters: SurfaceParameters,
+    closing: SealedParameters,
+    progress: Progress,
 ) -> SealedSurface:
     """The same cell with its handles, holes and cavities closed: genus 0, watertight.
 
-    Where nothing was closed its mesh is the surface's own.
+    A handle's hole is closed by a membrane, or the handle is cut. Where nothing was
+    changed its mesh is the surface's own.
     """
-    progress(0.1, "sealing handles and holes")
+    progress(0.1, "closing handles and holes")
     field, solid = smooth_solid(mask.data, parameters.smoothing_voxels)
-    ball = seal(solid)
+    ball = ball_without_handles(solid, closing.handles, progress.check)
     progress(0.8, "meshing the sealed surface")
     parts = tuple(
         {
@@ -140,14 +146,19 @@ def sealed_surface(
     else:
         index, faces = clamped_marching_cubes(field_with_sign(field, ball))
         vertices = mask.to_world(index)
-    added = ball & ~fill_cavities(solid)
+    filled = fill_cavities(solid)
     return SealedSurface(
         vertices=vertices,
         faces=faces,
         mask=Mask(ball, mask.voxel_size, mask.origin),
-        membranes=Mask(added, mask.voxel_size, mask.origin) if added.any() else None,
+        membranes=_mask_or_none(ball & ~filled, mask),
+        cuts=_mask_or_none(filled & ~ball, mask),
         sealed=parts,
     )
+
+
+def _mask_or_none(voxels: npt.NDArray[np.bool_], like: Mask) -> Mask | None:
+    return Mask(voxels, like.voxel_size, like.origin) if voxels.any() else None
 
 
 def is_sphere(faces: Ints) -> bool:

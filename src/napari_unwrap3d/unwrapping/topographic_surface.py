@@ -78,6 +78,42 @@ def mesh_mapped_mask(level: npt.NDArray[np.float32], smoothing: float) -> tuple[
     return _weld(vertices, faces[:, ::-1], level.shape[1], level.shape[2])
 
 
+def faces_in_columns(
+    vertices: Floats, faces: Ints, first_layer: Ints, last_layer: Ints
+) -> tuple[Floats, Ints]:
+    """Without the faces that lie where a column has ended.
+
+    Beyond its end a column stays where it is, so that the mapped mask changes between
+    columns that end at different places: a wall that the cell does not have.
+
+    Parameters
+    ----------
+    vertices : ndarray, (p, 3)
+        Grid coordinates (layer, row, column).
+    faces : ndarray, (q, 3)
+    first_layer, last_layer : ndarray, (rows, columns) int64
+        The layers that each column reaches.
+    """
+    corners = vertices[faces]
+    # A face over the seam has corners at both ends of the row.
+    over_seam = np.ptp(corners[:, :, 2], axis=1) > first_layer.shape[1] / 2
+    column = corners[:, :, 2] + over_seam[:, None] * (
+        (corners[:, :, 2] < first_layer.shape[1] / 2) * first_layer.shape[1]
+    )
+    layer = corners[:, :, 0].mean(axis=1)
+    row = np.clip(np.floor(corners[:, :, 1].mean(axis=1)), 0, len(first_layer) - 2)
+    row, column = row.astype(np.int64), np.floor(column.mean(axis=1)).astype(np.int64)
+    inside = np.ones(len(faces), bool)
+    for r in (row, row + 1):
+        for c in (column, column + 1):
+            around = c % first_layer.shape[1]
+            inside &= (layer >= first_layer[r, around]) & (layer <= last_layer[r, around])
+    if inside.all():
+        return vertices, faces
+    used, renumbered = np.unique(faces[inside], return_inverse=True)
+    return vertices[used], renumbered.reshape(-1, 3)
+
+
 def _march_in_blocks(level: npt.NDArray[np.float32]) -> tuple[Floats, Ints]:
     """Marching cubes of blocks of rows that share their first and last row.
 

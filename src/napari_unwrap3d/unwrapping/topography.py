@@ -26,7 +26,7 @@ from ..geometry.streamlines import trace_into
 from ..parameters import SurfaceParameters, TopographyParameters
 from ..progress import Progress
 from .normal_field import NormalField, normal_field
-from .topographic_surface import cut_at_seam, mesh_mapped_mask
+from .topographic_surface import cut_at_seam, faces_in_columns, mesh_mapped_mask
 from .uv import uv_to_direction
 
 logger = logging.getLogger(__name__)
@@ -37,7 +37,7 @@ COLUMNS_PER_REPORT = 16384
 FOUND_VOXELS = 1e-3
 NEWTON_ITERATIONS = 40
 STARTS = 6
-# Around a vertex's pixel, columns within so many pixels stay whole.
+# A vertex needs the columns within so many pixels around it.
 NEEDED_PIXELS = 3
 
 
@@ -84,14 +84,17 @@ def topography(
     progress(0.7, "checking the Jacobian")
     low, high = _layers_needed(image, d_um, first_layer.shape, inward)
     last_layer = np.full(first_layer.shape, len(nodes) - 1)
-    folded = progress.run(trim_folded, nodes, first_layer, last_layer, low, high)
+    folded = progress.run(trim_folded, nodes, first_layer, last_layer, inward, low, high)
     for row in (0, -1):  # all columns of a pole are one and the same
         first_layer[row], last_layer[row] = first_layer[row].max(), last_layer[row].min()
     repeat_ends(nodes, first_layer, last_layer)
+    grid = _to_grid(image, d_um, uv.shape[0])
+    image[~_in_columns(grid, first_layer, last_layer)] = np.nan
     progress(0.8, "mapping the mask")
     level = _mapped_level(nodes, mask, surface_parameters)
     progress(0.85, "meshing the topographic surface")
     meshed = mesh_mapped_mask(level, parameters.smoothing_voxels)
+    meshed = faces_in_columns(*meshed, first_layer, last_layer)
     meshed_vertices = evaluate(nodes, meshed[0])
     vertices, faces, origin = cut_at_seam(image, surface.faces, uv.shape[0])
     return Topography(
@@ -306,20 +309,29 @@ class TopographyLocator:
 
 def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:
     """Positions (n, 3) in µm of points (d µm, v, u), and whether they are in the space."""
-    rows = chart.shape[1]
-    vu = wrap_uv(points[:, 1:], rows)
-    step = chart.d_um[1] - chart.d_um[0]
-    layer = (points[:, 0] - chart.d_um[0]) / step
-    grid = np.column_stack([layer, rows_from_v(vu[:, 0], rows), np.mod(vu[:, 1], 2.0 * rows)])
-    slack = 1e-9 * len(chart.d_um)
-    valid = np.ones(len(grid), bool)
-    # All columns between which a point lies must reach its layer.
-    for r in (np.floor(grid[:, 1]), np.ceil(grid[:, 1])):
-        for c in (np.floor(grid[:, 2]), np.ceil(grid[:, 2])):
-            row, column = r.astype(np.int64).clip(0, rows + 1), c.astype(np.int64) % (2 * rows)
-            valid &= layer >= chart.first_layer[row, column] - slack
-            valid &= layer <= chart.last_layer[row, column] + slack
-    valid &= np.isfinite(grid).all(axis=1)
+    grid = _to_grid(points, chart.d_um, chart.shape[1])
+    valid = _in_columns(grid, chart.first_layer, chart.last_layer)
     world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
     world[~valid] = np.nan
     return world, valid
+
+
+def _to_grid(points: Floats, d_um: Floats, rows: int) -> Floats:
+    """Grid coordinates (layer, row, column) of points (d µm, v, u)."""
+    vu = wrap_uv(points[:, 1:], rows)
+    layer = (points[:, 0] - d_um[0]) / (d_um[1] - d_um[0])
+    return np.column_stack([layer, rows_from_v(vu[:, 0], rows), np.mod(vu[:, 1], 2.0 * rows)])
+
+
+def _in_columns(grid: Floats, first_layer: Ints, last_layer: Ints) -> npt.NDArray[np.bool_]:
+    """Whether all columns between which a point lies reach its layer; NaN is nowhere."""
+    valid = np.asarray(np.isfinite(grid).all(axis=1))
+    layer, row, column = np.where(valid[:, None], grid, 0.0).T
+    slack = 1e-9 * (int(last_layer.max()) + 1)
+    height, width = first_layer.shape
+    for r in (np.floor(row), np.ceil(row)):
+        for c in (np.floor(column), np.ceil(column)):
+            place = r.astype(np.int64).clip(0, height - 1), c.astype(np.int64) % width
+            valid &= layer >= first_layer[place] - slack
+            valid &= layer <= last_layer[place] + slack
+    return valid
