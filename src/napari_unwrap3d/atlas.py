@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from .charts import (
     UV,
+    Direct,
     Floats,
     Mask,
     Reference,
@@ -28,6 +29,7 @@ from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
 from .geometry.padding import wrap_uv
 from .parameters import Parameters
 from .progress import Progress, silent
+from .unwrapping.direct import same_mesh
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.topography import TopographyLocator, topography_to_world
 from .unwrapping.uv import direction_to_uv, uv_to_direction
@@ -36,10 +38,20 @@ Kind = Literal["scalar", "label"]
 Valid = npt.NDArray[np.bool_]
 Mapped = tuple[Floats, Valid]
 
-COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
+COORDINATES = {
+    "surface": 3,
+    "volume": 3,
+    "reference": 3,
+    "sphere": 3,
+    "topography": 3,
+    "uv": 2,
+    "direct": 2,
+}
 # Each chart is one step of the method away from the next; maps are composed along it.
 CHAIN = ("volume", "topography", "uv", "sphere", "reference")
 ON_SURFACE_VOXELS = 1.0
+# These cost time and are needed for some work only: they are computed when first read.
+ON_DEMAND = ("direct",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +63,9 @@ class Atlas:
     surface, sealed, reference, sphere, uv, topography
         The charts; see :mod:`napari_unwrap3d.charts`. Reading one that was not computed
         raises :class:`ChartMissingError`.
+    direct
+        The sealed surface on the sphere, one to one; computed when it is first read, unless
+        the pipeline already has.
     mask : Mask
         The cell on the isotropic working grid.
     parameters : Parameters
@@ -67,6 +82,7 @@ class Atlas:
     uv: UV
     topography: Topography
     mask: Mask
+    direct: Direct = None  # type: ignore[assignment]
     parameters: Parameters = field(default_factory=Parameters)
     quality: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
@@ -74,6 +90,8 @@ class Atlas:
     def __getattribute__(self, name: str) -> Any:
         value = object.__getattribute__(self, name)
         if value is None and name in type(self).__dataclass_fields__:
+            if name in ON_DEMAND and self.has("topography"):
+                return self._compute(name)
             raise ChartMissingError(
                 f"The atlas has no {name} yet.",
                 hint=f"Run the pipeline up to the step {name!r}.",
@@ -83,6 +101,15 @@ class Atlas:
     def has(self, chart: str) -> bool:
         """Whether a chart was computed."""
         return object.__getattribute__(self, chart) is not None
+
+    def _compute(self, name: str) -> Any:
+        """Make a chart that is computed on demand, and keep it with its numbers."""
+        from .pipeline import on_demand
+
+        chart, numbers = on_demand(self, name, silent())
+        object.__setattr__(self, name, chart)
+        object.__setattr__(self, "quality", {**self.quality, name: numbers})
+        return chart
 
     @property
     def voxel_um(self) -> float:
@@ -97,10 +124,10 @@ class Atlas:
         Parameters
         ----------
         points : array-like, (n, k)
-            surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv:
-            (v, u) in pixels; topography: (d µm, v, u).
+            surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv,
+            direct: (v, u) in pixels; topography: (d µm, v, u).
         source, target : str
-            "surface", "reference", "volume", "sphere", "uv" or "topography".
+            "surface", "reference", "volume", "sphere", "uv", "topography" or "direct".
 
         Returns
         -------
@@ -110,7 +137,8 @@ class Atlas:
             Whether a point has an image: inside the mapped shell around the reference, on the
             surface within a voxel, over a pixel whose normal meets the surface.
             From uv, sphere and reference to the surface the image is the outermost crossing;
-            from uv to topography it is d = 0.
+            from uv to topography it is d = 0. surface and direct are one to one, but for
+            where the sealed surface closes or cuts a handle.
 
         Raises
         ------
@@ -147,6 +175,10 @@ class Atlas:
         """The maps to compose, in order."""
         if source == target:
             return []
+        if target == "direct":
+            return [*self._route(source, "surface"), self._surface_to_direct]
+        if source == "direct":
+            return [self._direct_to_volume, *self._route("volume", target)]
         if target == "surface":
             if source in ("volume", "topography"):
                 return [*self._route(source, "volume"), self._volume_to_surface]
@@ -202,6 +234,21 @@ class Atlas:
         _, _, distance = self._surface_locator.closest(points)
         return points, distance <= ON_SURFACE_VOXELS * self.voxel_um
 
+    def _surface_to_direct(self, points: Floats) -> Mapped:
+        face, weights, distance = self._sealed_locator.closest(points)
+        directions = interpolate(self.direct.vertices, self.direct.faces, face, weights)
+        turned = directions @ self.direct.rotation.T
+        return (
+            direction_to_uv(turned, self.direct.shape[0]),
+            distance <= ON_SURFACE_VOXELS * self.voxel_um,
+        )
+
+    def _direct_to_volume(self, points: Floats) -> Mapped:
+        rows = self.direct.shape[0]
+        face, weights = self._direct_locator.locate(uv_to_direction(wrap_uv(points, rows), rows))
+        mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
+        return mapped, np.ones(len(points), bool)
+
     # Locators, built when first needed ---------------------------------------------
 
     @cached_property
@@ -215,6 +262,16 @@ class Atlas:
     @cached_property
     def _surface_locator(self) -> SurfaceLocator:
         return SurfaceLocator(self.surface.vertices, self.surface.faces)
+
+    @cached_property
+    def _sealed_locator(self) -> SurfaceLocator:
+        if same_mesh(self.sealed, self.surface):
+            return self._surface_locator
+        return SurfaceLocator(self.sealed.vertices, self.sealed.faces)
+
+    @cached_property
+    def _direct_locator(self) -> SphericalLocator:
+        return SphericalLocator(self.direct.vertices @ self.direct.rotation.T, self.direct.faces)
 
     @cached_property
     def _topography_locator(self) -> TopographyLocator:
@@ -244,8 +301,8 @@ class Atlas:
         Parameters
         ----------
         values : array-like or Volume
-            surface, reference, sphere: one per vertex; uv: (N, 2N); topography: (D, N, 2N);
-            volume: a :class:`Volume`.
+            surface, reference, sphere: one per vertex; uv, direct: (N, 2N); topography:
+            (D, N, 2N); volume: a :class:`Volume`.
         source, target : str
             As in :meth:`map`.
         kind : "scalar" or "label"

@@ -16,7 +16,8 @@ from .geometry.interpolate import sample_linear, sample_nearest
 from .geometry.locate import LabelInterpolator, interpolate
 from .geometry.padding import sample_uv_linear, sample_uv_nearest
 from .progress import Progress
-from .unwrapping.uv import pixel_grid
+from .unwrapping.direct import labels_of_owners, same_mesh
+from .unwrapping.uv import direction_to_uv, pixel_grid
 
 if TYPE_CHECKING:
     from .atlas import Atlas
@@ -41,6 +42,10 @@ def carry(
         return read(face, weights).reshape(atlas.uv.shape)
     if source == "surface" and target == "uv":
         return _outermost_image(atlas, given, kind)
+    if source == "surface" and target == "direct":
+        return _direct_image(atlas, given, kind)
+    if source == "direct" and target == "surface":
+        return _from_direct(atlas, given, kind)
     points, shape = _sample_points(atlas, target)
     carried = _pull_back(atlas, given, source, target, points, kind, progress)
     carried = carried.reshape(shape)
@@ -60,6 +65,32 @@ def _outermost_image(atlas: Atlas, values: npt.NDArray[Any], kind: str) -> npt.N
     image = np.full(seen.shape, 0 if label else np.nan, found.dtype if label else np.float64)
     image[seen] = found
     return image
+
+
+def _direct_image(atlas: Atlas, values: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
+    """Values per vertex of the surface as the direct image: one label per owner."""
+    chart = atlas.direct
+    if not same_mesh(atlas.sealed, atlas.surface):
+        face, weights, _ = atlas._surface_locator.closest(atlas.sealed.vertices)
+        values = _interpolator(atlas.surface, values, kind)(face, weights)
+    if kind == "label":
+        return np.asarray(values[chart.owner])
+    read = _interpolator(chart, values, kind)
+    return read(chart.face.ravel(), chart.weights.reshape(-1, 3)).reshape(chart.shape)
+
+
+def _from_direct(atlas: Atlas, image: npt.NDArray[Any], kind: str) -> npt.NDArray[Any]:
+    """The direct image as values per vertex of the surface."""
+    chart = atlas.direct
+    if kind == "label":
+        values = np.asarray(labels_of_owners(chart, image))
+    else:
+        turned = chart.vertices @ chart.rotation.T
+        values = sample_uv_linear(image, direction_to_uv(turned, chart.shape[0]))
+    if same_mesh(atlas.sealed, atlas.surface):
+        return values
+    face, weights, _ = atlas._sealed_locator.closest(atlas.surface.vertices)
+    return _interpolator(atlas.sealed, values, kind)(face, weights)
 
 
 def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
@@ -87,7 +118,7 @@ def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
 def _shape(atlas: Atlas, chart: str) -> tuple[int, ...]:
     if chart in MESHES:
         return (len(getattr(atlas, chart).vertices),)
-    if chart in ("uv", "topography"):
+    if chart in ("uv", "topography", "direct"):
         shape: tuple[int, ...] = getattr(atlas, chart).shape
         return shape
     raise ChartMissingError(f"Values cannot be carried from {chart!r}.")
@@ -98,8 +129,9 @@ def _sample_points(atlas: Atlas, target: str) -> tuple[Floats, tuple[int, ...]]:
     if target in MESHES:
         vertices = getattr(atlas, target).vertices
         return vertices, (len(vertices),)
-    if target == "uv":
-        return pixel_grid(atlas.uv.shape[0]).reshape(-1, 2), atlas.uv.shape
+    if target in ("uv", "direct"):
+        shape = getattr(atlas, target).shape
+        return pixel_grid(shape[0]).reshape(-1, 2), shape
     if target == "volume":
         index = np.indices(atlas.mask.shape).reshape(3, -1).T
         return atlas.mask.to_world(index), atlas.mask.shape
@@ -147,7 +179,7 @@ def _reader(
 ) -> Callable[[Floats], npt.NDArray[Any]]:
     """What reads the values of the source at points in its coordinates."""
     label = kind == "label"
-    if source == "uv":
+    if source in ("uv", "direct"):
         return partial(sample_uv_nearest if label else sample_uv_linear, values)
     if source == "topography":
         return lambda points: _sample_topography(atlas, values, points, label)

@@ -303,6 +303,45 @@ class Sphere(TriangleMesh):
 
 
 @dataclass(frozen=True, eq=False)
+class Direct(TriangleMesh):
+    """The sealed surface's mesh on the unit sphere and its (u, v) image, one to one.
+
+    It has the faces of the sealed surface and lies in the frame of the sphere chart.
+
+    Attributes
+    ----------
+    vertices : ndarray, (n, 3)
+        Unit vectors (z, y, x), in double precision: faces may be tiny.
+    rotation : ndarray, (3, 3)
+        The unwrapping rotation of the uv chart.
+    face : ndarray, (N, 2N) int64, weights : ndarray, (N, 2N, 3)
+        Where in the mesh each pixel's centre lies.
+    owner : ndarray, (N, 2N) int64
+        The vertex that each pixel belongs to: the nearest corner of its face, or a vertex
+        in the pixel that would otherwise have none.
+    spokesman : ndarray, (n,) int64
+        The vertex whose pixels speak for each vertex: itself, or the nearest one that has
+        a pixel.
+    registered : ndarray, (n, 3)
+        Where the reference's (u, v) puts each vertex (unit vectors; zero: nowhere).
+    cortex : ndarray, (n,) bool
+        Vertices that are alone over their pixel there, and so are tied to it.
+    """
+
+    rotation: Floats = field(default_factory=lambda: np.eye(3))
+    face: Ints = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    weights: Floats = field(default_factory=lambda: np.zeros((0, 0, 3)))
+    owner: Ints = field(default_factory=lambda: np.zeros((0, 0), np.int64))
+    spokesman: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
+    registered: Floats = field(default_factory=lambda: np.zeros((0, 3)))
+    cortex: npt.NDArray[np.bool_] = field(default_factory=lambda: np.zeros(0, bool))
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return int(self.face.shape[0]), int(self.face.shape[1])
+
+
+@dataclass(frozen=True, eq=False)
 class UV:
     """``S(u, v)``: the image grid of the unwrapped sphere (Step 4), N × 2N.
 

@@ -262,6 +262,45 @@ class TopographyParameters(StepParameters):
     )
 
 
+class DirectParameters(StepParameters):
+    """Direct: the sealed surface on the sphere, one to one even under overhangs."""
+
+    rows: int = setting(
+        512,
+        "Rows N",
+        "The direct image has N rows and 2N columns.",
+        unit="pixels",
+        ge=32,
+        le=4096,
+        multiple_of=8,
+    )
+    registration: float = setting(
+        40.0,
+        "Registration",
+        "How strongly the cortex is tied to its place in the reference's (u, v); 0.1 gives way to "
+        "equal areas.",
+        ge=0,
+        le=1000,
+    )
+    slack_rad: float = setting(
+        0.05,
+        "Slack",
+        "How far the cortex may lie from its place in the reference's (u, v) at no cost.",
+        unit="rad",
+        ge=0,
+        le=1,
+    )
+    shape: float = setting(
+        0.05,
+        "Angles against areas",
+        "Weight of the faces' angles against their areas; smaller for long, thin protrusions.",
+        gt=0,
+        le=10,
+    )
+    sweeps: int = setting(20, "Sweeps", "Rounds at every size of the mesh.", ge=1, le=500)
+    final_sweeps: int = setting(40, "Final sweeps", "Rounds at the end.", ge=1, le=1000)
+
+
 class Parameters(StepParameters):
     """All parameters of the pipeline, one group per step."""
 
@@ -274,6 +313,7 @@ class Parameters(StepParameters):
     topography: TopographyParameters = Field(
         default_factory=TopographyParameters, title="Topography"
     )
+    direct: DirectParameters = Field(default_factory=DirectParameters, title="Direct")
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

@@ -24,6 +24,7 @@ from .progress import Progress
 from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
 from .unwrapping import measure
+from .unwrapping.direct import direct
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
 from .unwrapping.solid import closed_mesh, mask_of_mesh
@@ -102,7 +103,7 @@ class Pipeline:
         parameters : Parameters, optional
         progress : Progress, or callable(step, fraction, message), optional
         until : str
-            The last step to run.
+            The last step to run; "direct" is run only when it is asked for here.
 
         Raises
         ------
@@ -308,6 +309,34 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
     return chart, measure.measure_topography(cell, chart, mask.voxel_size[0])
 
 
+def _direct(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    names = ("sealed", "surface", "uv", "topography")
+    charts = {name: pipeline.value(name) for name in names}
+    return _direct_of(charts, pipeline.value("stack"), parameters, progress)
+
+
+def _direct_of(
+    charts: dict[str, Any], mask: Mask, parameters: Parameters, progress: Progress
+) -> tuple[Any, dict[str, Any]]:
+    chart = direct(
+        charts["sealed"],
+        charts["surface"],
+        charts["uv"],
+        charts["topography"],
+        mask.voxel_size[0],
+        parameters.direct,
+        progress,
+    )
+    return chart, measure.measure_direct(charts["sealed"], chart)
+
+
+def on_demand(atlas: Atlas, name: str, progress: Progress) -> tuple[Any, dict[str, Any]]:
+    """A chart that :func:`unwrap` leaves out, from the other charts, and its numbers."""
+    names = ("sealed", "surface", "uv", "topography")
+    charts = {chart: getattr(atlas, chart) for chart in names}
+    return {"direct": _direct_of}[name](charts, atlas.mask, atlas.parameters, progress)
+
+
 STEPS = (
     Step("stack", _stack, ("stack",), ()),
     Step("surface", _surface, ("surface",), ("stack",)),
@@ -316,6 +345,9 @@ STEPS = (
     Step("sphere", _sphere, ("sphere",), ("reference",)),
     Step("uv", _uv, ("uv",), ("sphere",)),
     Step("topography", _topography, ("topography", "surface"), ("uv",)),
+    Step("direct", _direct, ("direct",), ("topography",)),
 )
 STEP_NAMES = tuple(step.name for step in STEPS)
+# What `unwrap` runs; the steps after that only when they are asked for.
+UNWRAP_STEPS = STEP_NAMES[: STEP_NAMES.index("topography") + 1]
 _BY_NAME = {step.name: step for step in STEPS}

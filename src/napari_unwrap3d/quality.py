@@ -117,6 +117,14 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ("topography", "volume_difference"): Limit(
         "volume of S_topo against the surface", 0.01, 0.03, "relative difference", absolute=True
     ),
+    ("direct", "flipped_faces"): Limit("flipped faces (direct)", 0, 0, _FLIPS),
+    ("direct", "mean_abs_log_lambda"): Limit("mean |log λ| (direct)", 0.2, 0.8, _LAMBDA),
+    ("direct", "cortex_displacement_p95_rad"): Limit(
+        "cortex off its place (95th percentile, rad)",
+        0.15,
+        0.5,
+        "the direct image shows the cortex where the reference's image does",
+    ),
 }
 
 

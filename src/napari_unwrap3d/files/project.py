@@ -42,7 +42,7 @@ FORMAT = "napari-unwrap3d project"
 SCHEMA_VERSION = 1
 SUFFIX = ".unwrap3d"
 
-CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "mask")
+CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "direct", "mask")
 CHUNK_BYTES = 48 * 2**20
 SMOOTH_GRIDS = ("nodes", "positions")
 

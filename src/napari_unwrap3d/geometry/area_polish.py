@@ -104,7 +104,7 @@ def _form(m, s, t):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def _tangents(p):  # type: ignore[no-untyped-def]
+def tangents(p):  # type: ignore[no-untyped-def]
     """Two orthonormal vectors perpendicular to a unit vector."""
     s = (0.0, p[2], -p[1]) if abs(p[0]) < 0.6 else (-p[2], 0.0, p[0])
     n = np.sqrt(s[0] ** 2 + s[1] ** 2 + s[2] ** 2)
@@ -139,7 +139,7 @@ def _sweep(x, faces, start, around, log_target, sweeps):  # type: ignore[no-unty
             energy = _around(x, faces, star, log_target, i, p, least, m)
             if energy < 0.0:
                 continue
-            s, t = _tangents(p)
+            s, t = tangents(p)
             gs = m[0] * s[0] + m[1] * s[1] + m[2] * s[2]
             gt = m[0] * t[0] + m[1] * t[1] + m[2] * t[2]
             hss, hst, htt = _form(m, s, s), _form(m, s, t), _form(m, t, t)

@@ -191,7 +191,7 @@ class LabelInterpolator:
             shape=(len(face), self._smooth.shape[0]),
         )
         votes = sparse.csr_array(places @ self._smooth)
-        winners: npt.NDArray[np.integer] = self._names[_largest_column(votes)]
+        winners: npt.NDArray[np.integer] = self._names[largest_column(votes)]
         return winners
 
 
@@ -217,7 +217,7 @@ def _smoothed_indicators(index: Ints, faces: Ints) -> sparse.csr_array:
     return smooth
 
 
-def _largest_column(votes: sparse.csr_array) -> Ints:
+def largest_column(votes: sparse.csr_array) -> Ints:
     """Column of the largest entry in every row of a matrix without empty rows."""
     rows = np.repeat(np.arange(votes.shape[0]), np.diff(votes.indptr))
     order = np.lexsort((-votes.indices, votes.data, rows))

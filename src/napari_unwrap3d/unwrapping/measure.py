@@ -6,9 +6,10 @@ from typing import Any
 
 import numpy as np
 
-from ..charts import UV, Reference, SealedSurface, Sphere, Surface, Topography
+from ..charts import UV, Direct, Reference, SealedSurface, Sphere, Surface, Topography
 from ..geometry.compare import area_difference, chamfer_distance, volume_difference
 from ..geometry.distortion import (
+    area_distortion,
     flipped_faces,
     mean_conformal_error,
     mean_log_area_distortion,
@@ -20,6 +21,7 @@ from ..geometry.mesh import (
     mesh_report,
     signed_volume,
 )
+from ..geometry.spherical_embedding import certificate
 from .topography import topography_to_world
 
 ROUND_TRIP_VOXELS = 0.01
@@ -77,6 +79,32 @@ def measure_uv(reference: Reference, chart: UV) -> Numbers:
         "area_um2": float(area.sum()),
         "reference_area_error": float(
             area.sum() / face_areas(reference.vertices, reference.faces).sum() - 1.0
+        ),
+    }
+
+
+def measure_direct(sealed: SealedSurface, chart: Direct) -> Numbers:
+    """The certificate of the embedding, its distortion, and how far the cortex is from its place.
+
+    The means are weighted by area; displacements are of the cortex, in radians.
+    """
+    proof = certificate(chart.vertices, chart.faces)
+    area = face_areas(sealed.vertices, sealed.faces)
+    log_lambda = np.abs(np.log(area_distortion(sealed.vertices, chart.vertices, chart.faces)))
+    cosine = np.einsum("ij,ij->i", chart.vertices, chart.registered)[chart.cortex]
+    displaced = np.arccos(np.clip(cosine, -1.0, 1.0)) if len(cosine) else np.array([np.nan])
+    return {
+        "certified": proof.holds,
+        "flipped_faces": proof.flipped_faces,
+        "degree": proof.degree,
+        "smallest_determinant": proof.smallest_determinant,
+        "mean_q": mean_conformal_error(sealed.vertices, chart.vertices, chart.faces),
+        "mean_abs_log_lambda": float(area @ log_lambda / area.sum()),
+        "cortex_fraction": float(chart.cortex.mean()),
+        "cortex_displacement_median_rad": float(np.median(displaced)),
+        "cortex_displacement_p95_rad": float(np.percentile(displaced, 95)),
+        "vertices_without_pixel_fraction": float(
+            (chart.spokesman != np.arange(len(chart.spokesman))).mean()
         ),
     }
 

@@ -27,7 +27,7 @@ from qtpy.QtWidgets import (
 from ..errors import Unwrap3DError
 from ..files.project import SUFFIX, save_project
 from ..parameters import PRESETS, Parameters, StackParameters
-from ..pipeline import STEP_NAMES
+from ..pipeline import UNWRAP_STEPS
 from .forms import ParametersForm
 from .session import session_of
 from .sources import is_source, layer_axes, layer_voxel_size
@@ -321,9 +321,9 @@ class UnwrapWidget(QWidget):
         self._update_ready()
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:
-        position = STEP_NAMES.index(step)
-        self.progress_bar.setValue(round(1000 * (position + fraction) / len(STEP_NAMES)))
-        self.progress_bar.setFormat(f"{position + 1}/{len(STEP_NAMES)} {TITLES[step]}")
+        position = UNWRAP_STEPS.index(step)
+        self.progress_bar.setValue(round(1000 * (position + fraction) / len(UNWRAP_STEPS)))
+        self.progress_bar.setFormat(f"{position + 1}/{len(UNWRAP_STEPS)} {TITLES[step]}")
         if self.session.running and message:
             self.message.setText(message)
 
