@@ -20,7 +20,7 @@ from napari_unwrap3d.console import StepProgress, format_value, print_quality
 from napari_unwrap3d.errors import Cancelled, ParameterError
 from napari_unwrap3d.files import pictures
 from napari_unwrap3d.files.export import FILES
-from napari_unwrap3d.files.meshes import write_mesh
+from napari_unwrap3d.files.meshes import read_mesh, write_mesh
 from napari_unwrap3d.files.project import load_project, save_project
 from napari_unwrap3d.files.stacks import write_image
 from napari_unwrap3d.options import chosen_parameters
@@ -276,6 +276,34 @@ def test_a_mask_and_a_label_are_taken_as_they_are(tmp_path: Path) -> None:
     volume = truth.data.sum() * VOXEL[0] ** 3
     assert one.quality["surface"]["volume_um3"] == pytest.approx(volume, rel=0.02)
     assert other.quality["surface"]["volume_um3"] == pytest.approx(volume, rel=0.02)
+
+
+def test_signals_become_fields_of_the_surface(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("napari_unwrap3d.pipeline.Pipeline.run", lambda *_: make_atlas(1, 32))
+    truth = solid(lambda d: RADIUS + height(d)).data
+    light = np.where(truth, 200, 40).astype(np.uint16)
+    path = write_image(
+        tmp_path / "cell.ome.tif",
+        np.stack([light, np.full_like(light, 70)]),
+        "czyx",
+        sizes=dict(zip("zyx", VOXEL, strict=True)),
+        channels=("membrane", "actin (GFP)"),
+    )
+    out = tmp_path / "out"
+    words = ["run", str(path), "-o", str(out), "--no-pictures", "--quiet"]
+    assert main([*words, "--signal", "0", "septin"]) == cli.WRONG_INPUT
+    assert not out.exists()
+    assert main([*words, "--signal", "0", "actin (GFP)"]) == 0
+    saved = load_project(out / "cell.unwrap3d").surface
+    written = read_mesh(out / "meshes" / "surface.ply")
+    for surface in (saved, written):
+        np.testing.assert_allclose(surface.fields["signal_actin_GFP_"], 70)
+        np.testing.assert_allclose(surface.fields["signal_0"], 200, atol=30)
+    mesh = write_mesh(tmp_path / "a.ply", *icosphere(1))
+    other = str(tmp_path / "other")
+    assert main(["run", str(mesh), "-o", other, "--signal", "0"]) == cli.WRONG_INPUT
 
 
 def test_the_demo_unwraps_a_simulated_stack(

@@ -8,6 +8,7 @@ The public API in one screen::
     atlas = unwrap3d.unwrap(stack, unwrap3d.Parameters.preset("blebs"))
     points, valid = atlas.map(points, "surface", "uv")
     values = atlas.carry(values, "uv", "surface", kind="label")
+    signal = unwrap3d.sample_signal(stack, atlas, channel=1)    # one value per vertex
     atlas.save("cell.unwrap3d")
 """
 
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
     from .files.stacks import read_stack
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
+    from .sampling import sample_signal
 
 __version__ = package_version()
 
@@ -59,6 +61,7 @@ _LAZY = {
     "Parameters": "parameters",
     "Pipeline": "pipeline",
     "unwrap": "pipeline",
+    "sample_signal": "sampling",
 }
 
 __all__ = [
@@ -81,6 +84,7 @@ __all__ = [
     "load",
     "read_mesh",
     "read_stack",
+    "sample_signal",
     "simulate",
     "unwrap",
 ]

@@ -11,6 +11,7 @@ import argparse
 import importlib.util
 import io
 import os
+import re
 import signal
 import sys
 import threading
@@ -94,6 +95,14 @@ def _add_run(commands: Any) -> None:
     run.add_argument("--timepoint", type=int, help="timepoint (from 0)")
     run.add_argument("--label", type=int, help="the stack is a label image: the cell's label")
     run.add_argument("--mask", action="store_true", help="the stack is a mask: not 0 is cell")
+    run.add_argument(
+        "--signal",
+        nargs="+",
+        default=(),
+        metavar="CHANNEL",
+        help="channels (number or name) whose 95th percentile down to 1 µm below the surface is "
+        "written as fields signal_CHANNEL of it",
+    )
     add_output(run, None)
 
 
@@ -147,10 +156,13 @@ def run_command(arguments: argparse.Namespace, console: Console) -> int:
     check_folder(arguments.output, arguments.overwrite)
     parameters = chosen_parameters(arguments)
     source: Stack | Mask | Surface = read_input(arguments)
+    signals: Stack | None = None
     if isinstance(source, Stack):
         _print_choice(source, parameters, console)
+        signals = source
         source = as_mask(source, parameters) if arguments.mask else source
-    _unwrap_and_export(source, parameters, arguments, console)
+    _check_signals(signals, arguments.signal)
+    _unwrap_and_export(source, parameters, arguments, console, signals)
     return 0
 
 
@@ -232,6 +244,7 @@ def _unwrap_and_export(
     parameters: Parameters,
     arguments: argparse.Namespace,
     console: Console,
+    signals: Stack | None = None,
 ) -> Atlas:
     from .console import StepProgress, print_quality
     from .files.export import export_atlas
@@ -240,6 +253,8 @@ def _unwrap_and_export(
 
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         atlas = _named(Pipeline(source).run(parameters, progress), arguments)
+        if signals is not None and arguments.signal:
+            atlas = with_signals(atlas, signals, arguments.signal, progress.named("signal"))
         export_atlas(
             atlas,
             arguments.output,
@@ -253,6 +268,33 @@ def _unwrap_and_export(
     print_quality(console, quality_rows(atlas.quality))
     _print_where(arguments.output, console)
     return atlas
+
+
+def _check_signals(stack: Stack | None, channels: Sequence[str]) -> None:
+    """Raise before anything is computed when a channel to sample does not exist."""
+    from .imaging.roi import channel_index
+
+    if stack is None and channels:
+        raise InputError(
+            "--signal is for stacks, and a mesh has no channels.",
+            hint="Leave it out, or sample a stack with sample_signal.",
+        )
+    for channel in channels:
+        assert stack is not None
+        channel_index(stack, channel)
+
+
+def with_signals(atlas: Atlas, stack: Stack, channels: Sequence[str], progress: Progress) -> Atlas:
+    """The atlas with the signal of these channels as fields of its surface."""
+    from .sampling import sample_signal
+
+    fields = {}
+    for i, channel in enumerate(channels):
+        part = progress.part(i / len(channels), (i + 1) / len(channels))
+        # Names of fields in PLY files are words.
+        name = re.sub(r"\W+", "_", channel)
+        fields[f"signal_{name}"] = sample_signal(stack, atlas, channel, progress=part)
+    return replace(atlas, surface=atlas.surface.with_fields(**fields))
 
 
 def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from .charts import Stack, Surface
 from .errors import Unwrap3DError
-from .parameters import Parameters
+from .parameters import Parameters, toml_text
 from .quality import KEY_NUMBERS, Row, in_words, worst_mark
 
 SIGNS = {"green": "[green]✔ good[/]", "amber": "[yellow]● fair[/]", "red": "[red]✘ bad[/]", "": ""}
@@ -172,7 +172,7 @@ def toml_value(value: Any) -> str:
     """A value as it is written in TOML and after ``--set``."""
     if isinstance(value, bool):
         return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else repr(value)
+    return toml_text(value) if isinstance(value, str) else repr(value)
 
 
 def allowed(info: Any) -> str:

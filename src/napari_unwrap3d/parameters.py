@@ -6,15 +6,18 @@ documentation all come from these models. An unknown key is an error.
 
 from __future__ import annotations
 
+import json
+import re
 import tomllib
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from .errors import ParameterError
 
 PAPER = "10.1101/2023.04.12.536640"
+SEGMENTATION = "Methods, Cell segmentation and surface meshing"
 
 
 def setting(
@@ -23,6 +26,20 @@ def setting(
     """A field with its title, unit and source; `limits` are pydantic's ge, le, gt, lt."""
     extra: dict[str, Any] = {"unit": unit, "source": source}
     return Field(default, title=title, description=description, json_schema_extra=extra, **limits)
+
+
+def _numbers(value: Any) -> Any:
+    """The numbers of a text such as ``"0.3, 0.1, 0.1"``, as a form gives it."""
+    return re.split(r"[\s,;×]+", value.strip(" []()")) if isinstance(value, str) else value
+
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+ThreeSizes = Annotated[tuple[Positive, Positive, Positive], BeforeValidator(_numbers)]
+SixIndices = Annotated[tuple[int, int, int, int, int, int], BeforeValidator(_numbers)]
+SixLengths = Annotated[
+    tuple[Finite, Finite, Finite, Finite, Finite, Finite], BeforeValidator(_numbers)
+]
 
 
 class StepParameters(BaseModel):
@@ -50,6 +67,77 @@ class StackParameters(StepParameters):
         unit="µm",
         gt=0,
     )
+    crop_voxels: SixIndices | None = setting(
+        None,
+        "Crop",
+        "The part of the volume to use, as z start, z stop, y start, y stop, x start, x stop; a "
+        "stop is the first voxel left out; empty: all of it.",
+        unit="voxels",
+    )
+    crop_um: SixLengths | None = setting(
+        None,
+        "Crop in µm",
+        "The same in world coordinates: voxels whose centre lies between start and stop are used.",
+        unit="µm",
+    )
+    deconvolution: Literal["none", "wiener", "richardson-lucy"] = setting(
+        "none",
+        "Deconvolution",
+        "Sharpen the image with a measured point-spread function (PSF): wiener is linear; "
+        "richardson-lucy keeps intensities positive.",
+        source=f"{SEGMENTATION}, Wiener-Hunt",
+    )
+    psf: str | None = setting(
+        None, "PSF", "TIFF file of the point-spread function, without background."
+    )
+    psf_voxel_um: ThreeSizes | None = setting(
+        None,
+        "Voxel of the PSF",
+        "Its voxel size (z, y, x), instead of what its file says.",
+        unit="µm",
+    )
+    wiener_balance: float = setting(
+        0.01,
+        "Wiener balance",
+        "Weight of the smoothness of the image; larger for more noise.",
+        gt=0,
+        le=1000,
+    )
+    richardson_lucy_iterations: int = setting(
+        10, "Richardson–Lucy iterations", "More are sharper and noisier.", ge=1, le=500
+    )
+    local_contrast_um: float = setting(
+        0.0,
+        "Local contrast size",
+        "Enhance the contrast locally, in blocks of this size (contrast-limited adaptive "
+        "histogram equalisation); 0: off.",
+        unit="µm",
+        source=SEGMENTATION,
+        ge=0,
+    )
+    local_contrast_limit: float = setting(
+        0.01,
+        "Contrast limit",
+        "Larger enhances faint parts more, and noise with them.",
+        gt=0,
+        le=1,
+    )
+    edge_enhancement: float = setting(
+        0.0,
+        "Edge enhancement",
+        "Add this much of the difference to the smoothed image (unsharp masking); 0: off.",
+        source=SEGMENTATION,
+        ge=0,
+        le=20,
+    )
+    edge_voxels: float = setting(
+        2.0,
+        "Edge size",
+        "Gaussian σ of the smoothing in the edge enhancement.",
+        unit="voxels",
+        gt=0,
+        le=20,
+    )
     smoothing_voxels: float = setting(
         1.0, "Smoothing", "Gaussian σ before thresholding.", unit="voxels", ge=0, le=10
     )
@@ -60,8 +148,12 @@ class StackParameters(StepParameters):
         unit="µm",
         ge=0,
     )
-    threshold: Literal["otsu", "multi-otsu", "value"] = setting(
-        "otsu", "Threshold", "How the cell is told from the background."
+    threshold: Literal["otsu", "multi-otsu", "multi-level", "value"] = setting(
+        "otsu",
+        "Threshold",
+        "How the cell is told from the background. multi-level: what is above Otsu's threshold in "
+        "the enhanced image, or in the image smoothed over the interior's size.",
+        source=SEGMENTATION,
     )
     threshold_value: float = setting(
         0.0, "Threshold value", "The intensity above which a voxel is cell (threshold = value)."
@@ -75,6 +167,13 @@ class StackParameters(StepParameters):
         "Classes from this one upwards are cell (0 is the darkest).",
         ge=1,
         le=4,
+    )
+    interior_um: float = setting(
+        1.0,
+        "Interior size",
+        "Gaussian σ that evens out the interior (threshold = multi-level).",
+        unit="µm",
+        gt=0,
     )
     fill: bool = setting(True, "Fill cavities", "Fill what is enclosed by the cell.")
     second_cell_fraction: float = setting(
@@ -376,8 +475,15 @@ def _toml_lines(name: str, value: Any, info: Any) -> list[str]:
     if isinstance(value, bool):
         return [comment, f"{name} = {str(value).lower()}"]
     if isinstance(value, str):
-        return [comment, f'{name} = "{value}"']
+        return [comment, f"{name} = {toml_text(value)}"]
+    if isinstance(value, tuple):
+        return [comment, f"{name} = {list(value)!r}"]
     return [comment, f"{name} = {value!r}"]
+
+
+def toml_text(value: str) -> str:
+    """A TOML string; what is not ASCII stays as it is (paths of Windows have backslashes)."""
+    return json.dumps(value, ensure_ascii=False)
 
 
 PRESETS: dict[str, dict[str, Any]] = {

@@ -50,6 +50,21 @@ def test_optional_numbers_are_empty_or_numbers(form: ParametersForm) -> None:
     assert depth.value is None
 
 
+def test_texts_and_several_numbers_come_back(form: ParametersForm) -> None:
+    given = {
+        "psf": 'C:\\psf "1" µm.tif',
+        "psf_voxel_um": (0.3, 0.1, 0.1),
+        "crop_voxels": (0, 10, 5, 60, 7, 90),
+    }
+    parameters = Parameters.from_dict({"stack": given})
+    form.set_values(parameters)
+    assert form.entries["stack.crop_voxels"].value == "0, 10, 5, 60, 7, 90"
+    assert Parameters.from_dict(form.values()) == parameters
+    form.entries["stack.crop_voxels"].widget.value = "0 10"
+    with pytest.raises(ParameterError, match=r"stack\.crop_voxels"):
+        Parameters.from_dict(form.values())
+
+
 def test_small_numbers_keep_their_digits(form: ParametersForm) -> None:
     entry = form.entries["reference.threshold"]
     assert float(entry.value) == 1e-5

@@ -9,10 +9,13 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..charts import Mask, Size3, Stack
-from ..errors import InputError, ParameterError
+from ..errors import InputError
 from ..parameters import StackParameters
 from ..progress import Progress, silent
+from .deconvolve import chosen_psf, read_deconvolved
+from .enhance import Image
 from .resample import mask_to_working_grid, to_working_grid
+from .roi import chosen_volume, crop_box, cropped_mask, moved
 from .scan import (
     Box,
     Scan,
@@ -51,10 +54,11 @@ def segment(
 ) -> tuple[Mask, dict[str, Any]]:
     """Find the cell in a stack.
 
-    An image is smoothed, corrected for its background and thresholded; the largest
-    component is kept and its cavities are filled. With `label`, that label of a label
-    image is taken as it is, and so is a stack of two values, which is a mask. Only the
-    cell's bounding box is brought into memory.
+    The stack is cropped, where that is wanted. An image is then deconvolved, enhanced,
+    smoothed, corrected for its background and thresholded; the largest component is kept
+    and its cavities are filled. With `label`, that label of a label image is taken as it
+    is, and so is a stack of two values, which is a mask. Only the cell's bounding box is
+    brought into memory.
 
     Parameters
     ----------
@@ -70,7 +74,8 @@ def segment(
         ``source`` (image, label or mask), ``threshold``, ``components``,
         ``dropped_components``, ``dropped_voxels``, ``filled_cavities``, ``filled_voxels``,
         ``touches_border_voxels``, ``border_area_um2``, ``border_fraction``, ``voxels``,
-        ``volume_um3``, ``working_voxel_um``, and the box that was read.
+        ``volume_um3``, ``working_voxel_um``, and the box that was read. With a crop or a
+        deconvolution also ``crop``, ``deconvolution`` and ``psf_voxels``.
 
     Raises
     ------
@@ -85,24 +90,16 @@ def segment(
     InputError
         The label does not occur, or a label image came without a label.
     ParameterError
-        There is no such timepoint or channel.
+        There is no such timepoint, channel or crop.
     """
     chosen = parameters or StackParameters()
     report_to = progress or silent()
-    volume = _chosen_volume(stack, chosen)
-    edge = chosen.working_voxel_um or min(stack.voxel_size)
-    if chosen.label is not None:
-        return _one_value(volume, stack.voxel_size, edge, chosen, chosen.label, report_to)
-    found = scan(volume, stack.voxel_size, report_to.part(0.0, 0.3))
-    if found.two_values and found.highest > found.lowest:
-        return _one_value(volume, stack.voxel_size, edge, chosen, found.highest, report_to)
-    if _looks_like_labels(volume):
-        raise InputError(
-            "This looks like a label image, and no label was chosen.",
-            highest=found.highest,
-            hint="Choose the cell's label (parameter stack.label, or --label).",
-        )
-    return _image(volume, stack.voxel_size, edge, chosen, found, report_to)
+    volume = chosen_volume(stack, chosen.timepoint, chosen.channel)
+    crop = crop_box(volume.shape, stack.voxel_size, chosen)
+    if crop is None:
+        return _cell(volume, stack.voxel_size, chosen, report_to)
+    mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to)
+    return moved(mask, crop, stack.voxel_size), _with_crop(report, crop)
 
 
 def check_mask(
@@ -115,7 +112,7 @@ def check_mask(
     mask : Mask
         Any voxel size and origin.
     parameters : StackParameters, optional
-        Of these, `working_voxel_um` and `second_cell_fraction` matter.
+        Of these, `working_voxel_um`, `second_cell_fraction` and the crop matter.
     progress : Progress, optional
 
     Returns
@@ -130,7 +127,39 @@ def check_mask(
     """
     chosen = parameters or StackParameters()
     edge = chosen.working_voxel_um or min(mask.voxel_size)
-    return _finished_mask(mask, mask.shape, edge, chosen, "mask", progress or silent())
+    crop = crop_box(mask.shape, mask.voxel_size, chosen, mask.origin)
+    part = mask if crop is None else cropped_mask(mask, crop)
+    found, report = _finished_mask(part, part.shape, edge, chosen, "mask", progress or silent())
+    return found, report if crop is None else _with_crop(report, crop)
+
+
+def _cell(
+    volume: Any, voxel_size: Size3, parameters: StackParameters, progress: Progress
+) -> tuple[Mask, dict[str, Any]]:
+    """The cell in one volume, taken for a label image, a mask or an image."""
+    edge = parameters.working_voxel_um or min(voxel_size)
+    if parameters.label is not None:
+        return _one_value(volume, voxel_size, edge, parameters, parameters.label, progress)
+    psf = chosen_psf(parameters, voxel_size, volume.shape)
+    found = scan(volume, voxel_size, progress.part(0.0, 0.3))
+    if found.two_values and found.highest > found.lowest:
+        return _one_value(volume, voxel_size, edge, parameters, found.highest, progress)
+    if _looks_like_labels(volume):
+        raise InputError(
+            "This looks like a label image, and no label was chosen.",
+            highest=found.highest,
+            hint="Choose the cell's label (parameter stack.label, or --label).",
+        )
+    return _image(volume, voxel_size, edge, parameters, found, psf, progress)
+
+
+def _with_crop(report: dict[str, Any], crop: Box) -> dict[str, Any]:
+    """The report with the box in voxels of the whole volume."""
+    box = [
+        [side.start + first, side.start + last]
+        for side, (first, last) in zip(crop, report["box"], strict=True)
+    ]
+    return {**report, "box": box, "crop": [[side.start, side.stop] for side in crop]}
 
 
 # Masks and labels --------------------------------------------------------------
@@ -206,6 +235,7 @@ def _image(
     edge: float,
     parameters: StackParameters,
     found: Scan,
+    psf: Image | None,
     progress: Progress,
 ) -> tuple[Mask, dict[str, Any]]:
     """Find the cell's box on the coarse copy, segment it, and grow the box where it is cut."""
@@ -213,7 +243,7 @@ def _image(
     box, others = _coarse_boxes(volume.shape, voxel_size, edge, parameters, found, progress)
     while True:
         part = progress.part(0.4, 0.9)
-        cell, report = _segment_box(volume, voxel_size, edge, parameters, box, part)
+        cell, report = _segment_box(volume, voxel_size, edge, parameters, box, psf, part)
         on_border = sides_at_border(box, volume.shape)
         touched = touched_sides(cell.data)
         cut = (touched > 0) & ~on_border
@@ -278,10 +308,15 @@ def _segment_box(
     edge: float,
     parameters: StackParameters,
     box: Box,
+    psf: Image | None,
     progress: Progress,
 ) -> tuple[Mask, dict[str, Any]]:
     progress(0.0, "reading the cell")
-    part = read_box(volume, voxel_size, box)
+    if psf is None:
+        part = read_box(volume, voxel_size, box)
+    else:
+        during = progress.part(0.0, 0.1)
+        part = read_deconvolved(volume, voxel_size, box, psf, parameters, during)
     progress(0.1, "working grid")
     working = progress.run(to_working_grid, part, edge)
     mask, threshold = foreground(
@@ -297,26 +332,12 @@ def _segment_box(
         cell, holes = progress.run(filled, cell)
         report |= holes
     report["threshold"] = threshold
+    if psf is not None:
+        report |= {"deconvolution": parameters.deconvolution, "psf_voxels": list(psf.shape)}
     return Mask(cell, working.voxel_size, working.origin), report
 
 
 # Parts -------------------------------------------------------------------------
-
-
-def _chosen_volume(stack: Stack, parameters: StackParameters) -> Any:
-    """The volume of the timepoint and channel, still lazy."""
-    for axis, wanted, word in (
-        ("t", parameters.timepoint, "timepoint"),
-        ("c", parameters.channel, "channel"),
-    ):
-        count = stack.shape[stack.axes.index(axis)] if axis in stack.axes else 1
-        if wanted >= count:
-            raise ParameterError(
-                f"There is no {word} {wanted}.",
-                **{f"{word}s": count},
-                hint=f"{word.capitalize()}s are counted from 0 to {count - 1}.",
-            )
-    return stack.volume(parameters.timepoint, parameters.channel)
 
 
 def _looks_like_labels(volume: Any) -> bool:

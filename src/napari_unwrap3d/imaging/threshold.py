@@ -1,4 +1,4 @@
-"""Tell the cell from the background: smoothing, background correction, threshold."""
+"""Tell the cell from the background: enhance, smooth, correct the background, threshold."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ from ..charts import Size3
 from ..errors import EmptyMaskError, ParameterError
 from ..parameters import StackParameters
 from ..progress import Progress
+from .enhance import Image, enhanced
 from .resample import interpolate_axis
-
-Image = npt.NDArray[np.float32]
 
 # Smoothing by less than this does nothing.
 SMALLEST_SIGMA = 0.3
@@ -25,7 +24,7 @@ def foreground(
     parameters: StackParameters,
     progress: Progress,
 ) -> tuple[npt.NDArray[np.bool_], float]:
-    """Smooth, correct the background, and threshold.
+    """Enhance, smooth, correct the background, and threshold.
 
     Parameters
     ----------
@@ -48,10 +47,36 @@ def foreground(
     ParameterError
         The class to keep does not exist, or there are too few intensities for it.
     """
-    values = corrected(image, voxel_size, working_voxel_um, parameters, progress.part(0.0, 0.8))
-    progress(0.8, "threshold")
+    fine = enhanced(image, voxel_size, working_voxel_um, parameters, progress.part(0.0, 0.3))
+    values = corrected(fine, voxel_size, working_voxel_um, parameters, progress.part(0.3, 0.7))
+    progress(0.7, "threshold")
     threshold = threshold_of(values, parameters)
-    return values > threshold, threshold
+    mask = values > threshold
+    if parameters.threshold == "multi-level":
+        if fine is not image:
+            part = progress.part(0.7, 0.9)
+            values = corrected(image, voxel_size, working_voxel_um, parameters, part)
+        progress(0.9, "interior")
+        mask |= progress.run(interior, values, voxel_size, parameters.interior_um)
+    return mask, threshold
+
+
+def interior(values: Image, voxel_size: Size3, interior_um: float) -> npt.NDArray[np.bool_]:
+    """The inside of the cell, also where it is unevenly stained.
+
+    Otsu's threshold of the image smoothed with this σ, drawn in by as much so that it stays
+    behind the surface.
+    """
+    from skimage.filters import threshold_otsu
+
+    smooth = ndimage.gaussian_filter(values, interior_um / np.asarray(voxel_size), mode="nearest")
+    if not smooth.max() > smooth.min():
+        return np.zeros(values.shape, dtype=bool)
+    inside = smooth > threshold_otsu(smooth.ravel())
+    deep: npt.NDArray[np.bool_] = (
+        ndimage.distance_transform_edt(inside, sampling=voxel_size) > interior_um
+    )
+    return deep
 
 
 def corrected(
@@ -109,7 +134,7 @@ def threshold_of(values: Image, parameters: StackParameters) -> float:
             intensity=low,
             hint="Choose another channel or timepoint.",
         )
-    if parameters.threshold == "otsu":
+    if parameters.threshold in ("otsu", "multi-level"):
         return float(threshold_otsu(values.ravel()))
     if parameters.threshold_class >= parameters.threshold_classes:
         raise ParameterError(

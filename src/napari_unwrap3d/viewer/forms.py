@@ -73,7 +73,7 @@ class Entry:
     @value.setter
     def value(self, value: Any) -> None:
         if self.is_text:
-            value = "" if value is None else f"{value:.10g}"
+            value = _as_text(value)
         self.widget.value = value
 
 
@@ -241,6 +241,14 @@ def _widget(kind: Any, info: FieldInfo, optional: bool) -> Any:
     if kind is int:
         return _integer(info)
     return _number(info)
+
+
+def _as_text(value: Any) -> str:
+    if value is None:
+        return ""
+    if isinstance(value, tuple):
+        return ", ".join(_as_text(number) for number in value)
+    return value if isinstance(value, str) else f"{value:.10g}"
 
 
 def _spans_decades(info: FieldInfo) -> bool:

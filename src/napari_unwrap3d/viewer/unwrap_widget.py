@@ -53,6 +53,19 @@ MAIN = (
     "uv.axis_weight",
     "topography.depth_um",
 )
+# How the names of those parameters begin that find a cell in an image.
+SEGMENTING = (
+    "background",
+    "deconvolution",
+    "edge",
+    "interior",
+    "local_contrast",
+    "psf",
+    "richardson",
+    "smoothing",
+    "threshold",
+    "wiener",
+)
 DEFAULTS = "defaults"
 NO_LAYER = "Open a stack, a label image or a mesh (File > Open, or File > Open Sample)."
 ASK_VOXEL_SIZE = "The layer is in pixels. Fill in its voxel size (z, y, x) in µm."
@@ -249,8 +262,7 @@ class UnwrapWidget(QWidget):
             hidden -= {"stack.label"}
         names = StackParameters.model_fields
         if kind == "Labels":
-            segmenting = ("smoothing", "background", "threshold")
-            hidden |= {f"stack.{name}" for name in names if name.startswith(segmenting)}
+            hidden |= {f"stack.{name}" for name in names if name.startswith(SEGMENTING)}
         elif kind == "Surface":
             hidden |= {f"stack.{name}" for name in names if name != "working_voxel_um"}
         self.form.hide_entries(hidden)
