@@ -73,7 +73,7 @@ class Entry:
     @value.setter
     def value(self, value: Any) -> None:
         if self.is_text:
-            value = "" if value is None else f"{value:.10g}"
+            value = _as_text(value)
         self.widget.value = value
 
 
@@ -170,6 +170,14 @@ class ParametersForm(QWidget):
                 shown.add(path.split(".")[0])
         for step, heading in self._headings.items():
             self._layout.setRowVisible(heading, self._all and step in shown)
+
+
+def _as_text(value: Any) -> str:
+    """Nothing, a text, a number, or several numbers, as they are typed."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join(f"{number:.10g}" for number in numbers)
 
 
 def label(info: FieldInfo) -> str:
