@@ -24,6 +24,7 @@ from .progress import Progress
 from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
 from .unwrapping import measure
+from .unwrapping.axis import with_field_of
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
 from .unwrapping.solid import closed_mesh, mask_of_mesh
@@ -222,7 +223,8 @@ def _shown(until: str) -> tuple[str, ...]:
 
 def _source_key(source: Source) -> str:
     if isinstance(source, Surface):
-        return content_hash("surface", source.vertices, source.faces)
+        fields = [part for field in source.fields.items() for part in field]
+        return content_hash("surface", source.vertices, source.faces, *fields)
     if isinstance(source, Mask):
         return content_hash("mask", source.data, source.voxel_size, source.origin)
     # A stack is lazy and may not fit into memory: it is known by where it came from.
@@ -282,7 +284,10 @@ def _sphere(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> A
 
 def _uv(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
     base = pipeline.value("reference")
-    chart = uv(base, pipeline.value("sphere"), parameters.uv, progress)
+    weighed = base
+    if parameters.uv.axis_weight == "field":
+        weighed = with_field_of(base, pipeline.value("surface"), parameters.uv.axis_field)
+    chart = uv(weighed, pipeline.value("sphere"), parameters.uv, progress)
     return chart, measure.measure_uv(base, chart)
 
 
