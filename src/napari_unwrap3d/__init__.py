@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from .files.stacks import read_stack
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
+    from .unwrapping import uv_views
 
 __version__ = package_version()
 
@@ -60,6 +61,7 @@ _LAZY = {
     "Pipeline": "pipeline",
     "unwrap": "pipeline",
 }
+_MODULES = {"simulate": ".simulate", "uv_views": ".unwrapping.uv_views"}
 
 __all__ = [
     "UV",
@@ -83,14 +85,15 @@ __all__ = [
     "read_stack",
     "simulate",
     "unwrap",
+    "uv_views",
 ]
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         value = getattr(import_module(f".{_LAZY[name]}", __name__), name)
-    elif name == "simulate":
-        value = import_module(".simulate", __name__)
+    elif name in _MODULES:
+        value = import_module(_MODULES[name], __name__)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value
