@@ -104,6 +104,15 @@ def lumpy(subdivisions: int = 4, seed: int = 0, size: float = 0.25) -> tuple[Flo
     return vertices, faces
 
 
+def bumpy() -> tuple[Floats, Ints]:
+    """A body with narrow bumps, as blebs are."""
+    directions, faces = icosphere(4)
+    radius = np.ones(len(directions))
+    for axis in np.random.default_rng(1).normal(size=(6, 3)):
+        radius += 0.4 * np.exp(40 * (directions @ (axis / np.linalg.norm(axis)) - 1))
+    return directions * radius[:, None] * [1, 1.1, 1.2], faces
+
+
 def rotation(seed: int) -> Floats:
     """A random proper rotation (3, 3)."""
     q, r = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))

@@ -60,6 +60,17 @@ def test_later_parameters_win(tmp_path: Path) -> None:
     assert (chosen.stack.label, chosen.stack.timepoint) == (7, 2)
 
 
+@pytest.mark.parametrize("typed", ["[1, 0, 0.5]", "1,0,0.5", "1 0 0.5"])
+def test_a_direction_is_set_by_its_three_numbers(typed: str) -> None:
+    chosen = chosen_parameters(
+        parsed("--set", f"uv.axis_zyx={typed}", "--set", "reference.laplacian=intrinsic-delaunay")
+    )
+    assert chosen.uv.axis_zyx == (1.0, 0.0, 0.5)
+    assert chosen.reference.laplacian == "intrinsic-delaunay"
+    with pytest.raises(ParameterError, match="length"):
+        chosen_parameters(parsed("--set", "uv.axis_zyx=0,0,0"))
+
+
 @pytest.mark.parametrize("setting", ["uv", "uv.rows", "rows=3", "uv.=3", ".rows=3"])
 def test_a_setting_that_is_none_is_named(setting: str) -> None:
     with pytest.raises(ParameterError, match=r"STEP\.NAME=VALUE"):

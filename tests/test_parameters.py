@@ -76,7 +76,25 @@ values = st.fixed_dictionaries(
             },
         ),
         "sphere": st.fixed_dictionaries({}, optional={"blend": st.floats(0, 1)}),
-        "reference": st.fixed_dictionaries({}, optional={"delta": st.floats(1e-300, 1)}),
+        "reference": st.fixed_dictionaries(
+            {},
+            optional={
+                "delta": st.floats(1e-300, 1),
+                "flow": st.sampled_from(["cMCF", "MCF"]),
+                "laplacian": st.sampled_from(["cotangent", "intrinsic-delaunay", "robust"]),
+                "mass": st.sampled_from(["barycentric", "voronoi", "full"]),
+                "change_point": st.integers(1, 10),
+                "skip": st.booleans(),
+            },
+        ),
+        "uv": st.fixed_dictionaries(
+            {},
+            optional={
+                "axis_field": st.text(st.characters(codec="utf-8", exclude_characters="\x7f")),
+                "axis_zyx": st.tuples(*[st.floats(-1e9, 1e9)] * 2, st.floats(1e-9, 1e9)),
+                "axis_roll_degrees": st.floats(-180, 180),
+            },
+        ),
         "topography": st.fixed_dictionaries({}, optional={"depth_um": st.floats(0, 1e3)}),
     },
 )
@@ -130,6 +148,13 @@ def test_an_unknown_preset_names_those_that_exist() -> None:
         ({"stack": {"working_voxel_um": 0}}, r"stack\.working_voxel_um"),
         ({"topography": {"depth_um": -1}}, r"topography\.depth_um"),
         ({"uv": 3}, r"uv: .*got 3"),
+        ({"uv": {"axis_zyx": (0, 0, 0)}}, r"uv\.axis_zyx: .*positive, finite length.* 0 \(got"),
+        ({"uv": {"axis_zyx": (1, float("inf"), 0)}}, r"uv\.axis_zyx.*length"),
+        ({"uv": {"axis_zyx": "1, up, 0"}}, r"uv\.axis_zyx.*got 'up'"),
+        ({"uv": {"axis_zyx": [1, 2]}}, r"uv\.axis_zyx"),
+        ({"uv": {"axis_roll_degrees": 200}}, r"uv\.axis_roll_degrees.*180"),
+        ({"reference": {"laplacian": "mesh"}}, r"reference\.laplacian.*robust.*got 'mesh'"),
+        ({"reference": {"change_point": 0}}, r"reference\.change_point"),
     ],
 )
 def test_wrong_parameters_are_named(wrong: dict, words: str) -> None:
@@ -151,3 +176,10 @@ def test_text_that_is_no_toml_is_a_parameter_error() -> None:
 def test_parameters_are_frozen() -> None:
     with pytest.raises(ValueError, match="frozen"):
         Parameters().uv.rows = 64
+
+
+@pytest.mark.parametrize("typed", ["0 1 -2.5", "0, 1, -2.5", [0, 1, -2.5], (0.0, 1.0, -2.5)])
+def test_a_direction_is_typed_or_given_as_numbers(typed: object) -> None:
+    parameters = Parameters.from_dict({"uv": {"axis_zyx": typed}})
+    assert parameters.uv.axis_zyx == (0.0, 1.0, -2.5)
+    assert "axis_zyx = [0.0, 1.0, -2.5]" in parameters.to_toml()

@@ -38,7 +38,7 @@ CHANGES = {
     "surface": {"curvature_smoothing_voxels": 2.5},
     "reference": {"extra_iterations": 1},
     "sphere": {"blend": 0.8},
-    "uv": {"rows": 48},
+    "uv": {"rows": 48, "axis_zyx": (1.0, 2.0, 3.0)},
     "topography": {"margin_voxels": 3.0},
 }
 
@@ -359,3 +359,22 @@ def test_the_cell_lies_where_its_mask_lies(small_atlas: Atlas) -> None:
         np.testing.assert_allclose(vertices.min(axis=0), inside.min(axis=0), atol=0.15)
         np.testing.assert_allclose(vertices.max(axis=0), inside.max(axis=0), atol=0.15)
     assert euler_characteristic(small_atlas.reference.faces) == 2
+
+
+def test_another_field_of_a_mesh_is_another_source(small_atlas: Atlas) -> None:
+    mesh = small_atlas.surface
+    keys = [
+        Pipeline(Surface(mesh.vertices, mesh.faces, fields))._source_key
+        for fields in ({}, {}, {"actin": mesh.vertices[:, 0]}, {"actin": mesh.vertices[:, 1]})
+    ]
+    assert keys[0] == keys[1]
+    assert len(set(keys)) == 3
+
+
+def test_a_field_of_the_surface_weighs_the_axis(small_pipeline: Pipeline) -> None:
+    weighed = changed("uv", axis_weight="field", axis_field="gaussian_curvature")
+    atlas = copy_of(small_pipeline).run(weighed, until="uv")
+    assert not np.allclose(atlas.uv.rotation, small_pipeline.results["uv"].rotation)
+    wrong = changed("uv", axis_weight="field", axis_field="actin")
+    with pytest.raises(ParameterError, match=r"'actin'"):
+        copy_of(small_pipeline).run(wrong, until="uv")

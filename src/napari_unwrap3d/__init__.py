@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
     from .sampling import sample_signal
+    from .unwrapping import uv_views
 
 __version__ = package_version()
 
@@ -63,6 +64,7 @@ _LAZY = {
     "unwrap": "pipeline",
     "sample_signal": "sampling",
 }
+_MODULES = {"simulate": ".simulate", "uv_views": ".unwrapping.uv_views"}
 
 __all__ = [
     "UV",
@@ -87,14 +89,15 @@ __all__ = [
     "sample_signal",
     "simulate",
     "unwrap",
+    "uv_views",
 ]
 
 
 def __getattr__(name: str) -> Any:
     if name in _LAZY:
         value = getattr(import_module(f".{_LAZY[name]}", __name__), name)
-    elif name == "simulate":
-        value = import_module(".simulate", __name__)
+    elif name in _MODULES:
+        value = import_module(_MODULES[name], __name__)
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     globals()[name] = value

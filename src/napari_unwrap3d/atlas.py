@@ -29,7 +29,9 @@ from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
 from .geometry.padding import wrap_uv
 from .parameters import Parameters
 from .progress import Progress, silent
-from .unwrapping.direct import same_mesh
+from .unwrapping.direct import direct, same_mesh
+from .unwrapping.elements import elements, region_mean
+from .unwrapping.measure import measure_direct
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.topography import TopographyLocator, topography_to_world
 from .unwrapping.uv import direction_to_uv, uv_to_direction
@@ -104,9 +106,16 @@ class Atlas:
 
     def _compute(self, name: str) -> Any:
         """Make a chart that is computed on demand, and keep it with its numbers."""
-        from .pipeline import on_demand
-
-        chart, numbers = on_demand(self, name, silent())
+        chart = direct(
+            self.sealed,
+            self.surface,
+            self.uv,
+            self.topography,
+            self.voxel_um,
+            self.parameters.direct,
+            silent(),
+        )
+        numbers = measure_direct(self.sealed, chart)
         object.__setattr__(self, name, chart)
         object.__setattr__(self, "quality", {**self.quality, name: numbers})
         return chart
@@ -316,6 +325,49 @@ class Atlas:
         from .carrying import carry
 
         return carry(self, values, source, target, kind, progress or silent())
+
+    # Measuring ---------------------------------------------------------------------
+
+    def elements(self, chart: str) -> npt.NDArray[Any]:
+        """What every vertex, pixel or node of a chart stands for.
+
+        Parameters
+        ----------
+        chart : str
+            "surface", "sealed" or "reference": area in µm² of every vertex (n,), "uv": of every
+            pixel (N, 2N) (the paper's dA), "topography": volume in µm³ of every node (D, N, 2N)
+            (the paper's dV). The sphere has the areas of the reference.
+        """
+        if chart == "topography":
+            return self._node_volumes
+        if chart not in ("surface", "sealed", "reference", "sphere", "uv"):
+            raise ChartMissingError(f"There is no chart {chart!r} with areas or volumes.")
+        return elements(getattr(self, "reference" if chart == "sphere" else chart))
+
+    @cached_property
+    def _node_volumes(self) -> npt.NDArray[Any]:
+        return elements(self.topography)
+
+    def region_mean(
+        self, values: npt.ArrayLike, region: npt.ArrayLike | None = None, chart: str = "uv"
+    ) -> float:
+        """Mean of a field over a region of a chart, corrected for the chart's distortion.
+
+        Parameters
+        ----------
+        values : array-like
+            One per vertex, pixel or node of the chart; NaN does not count.
+        region : array-like of bool, optional
+            Of the same shape; everything unless given.
+        chart : str
+            As in :meth:`elements`.
+
+        Returns
+        -------
+        float
+            NaN where the region is empty.
+        """
+        return region_mean(values, region, self.elements(chart))
 
     # Files -------------------------------------------------------------------------
 

@@ -16,7 +16,7 @@ from rich.table import Table
 
 from .charts import Stack, Surface
 from .errors import Unwrap3DError
-from .parameters import Parameters, toml_text
+from .parameters import Parameters, toml_value
 from .quality import KEY_NUMBERS, Row, in_words, worst_mark
 
 SIGNS = {"green": "[green]✔ good[/]", "amber": "[yellow]● fair[/]", "red": "[red]✘ bad[/]", "": ""}
@@ -166,13 +166,6 @@ def print_parameters(console: Console) -> None:
             )
             text = f"{escape(info.description or info.title)}{source}"
             console.print(Padding(text, (0, 0, 0, 4)), highlight=False)
-
-
-def toml_value(value: Any) -> str:
-    """A value as it is written in TOML and after ``--set``."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    return toml_text(value) if isinstance(value, str) else repr(value)
 
 
 def allowed(info: Any) -> str:

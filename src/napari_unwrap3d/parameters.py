@@ -7,12 +7,13 @@ documentation all come from these models. An unknown key is an error.
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from .errors import ParameterError
 
@@ -46,6 +47,23 @@ class StepParameters(BaseModel):
     """Base of the parameters of a step: frozen, and unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, validate_default=True)
+
+
+def _split_text(value: Any) -> Any:
+    """Numbers that were typed, "0, 0, 1", as a list of them."""
+    return value.replace(",", " ").split() if isinstance(value, str) else value
+
+
+def _has_length(vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    length = math.hypot(*vector)
+    if not 0.0 < length < math.inf:
+        raise ValueError(f"a direction has a positive, finite length; this one's is {length:g}")
+    return vector
+
+
+Direction = Annotated[
+    tuple[float, float, float], BeforeValidator(_split_text), AfterValidator(_has_length)
+]
 
 
 class StackParameters(StepParameters):
@@ -222,10 +240,44 @@ class SealedParameters(StepParameters):
 class ReferenceParameters(StepParameters):
     """Reference (Step 1): smooth the surface to the cortex without protrusions."""
 
+    skip: bool = setting(
+        False,
+        "Skip",
+        "No smoothing, for cells without protrusions: the reference is the sealed surface itself, "
+        "remeshed.",
+        source="Step 4, direct unwrapping",
+    )
+    flow: Literal["cMCF", "MCF"] = setting(
+        "cMCF",
+        "Flow",
+        "cMCF keeps the Laplacian of the start, and with it the shape of the triangles; MCF is "
+        "plain mean curvature flow, which may pinch off thin parts.",
+        source="Step 1",
+    )
+    laplacian: Literal["cotangent", "intrinsic-delaunay", "robust"] = setting(
+        "cotangent",
+        "Laplacian",
+        "cotangent: of the mesh as it is; intrinsic-delaunay: without negative weights; robust: "
+        "the same where triangles are thin or collapsed.",
+        source="Step 1, robust Laplacian optional, mollify factor 1e-5",
+    )
+    mass: Literal["barycentric", "voronoi", "full"] = setting(
+        "barycentric",
+        "Mass",
+        "How area belongs to vertices: a third of the faces around, the part that is nearest, "
+        "or the integrals of products of hat functions.",
+        source="Step 1, barycentric",
+    )
+    keep_volume: bool = setting(
+        False,
+        "Keep volume",
+        "Scale to the starting volume after every iteration, not to the starting area: the "
+        "reference has the volume of the sealed surface, protrusions included.",
+    )
     iterations: int = setting(
         50,
         "Maximum iterations",
-        "Upper limit of cMCF iterations.",
+        "Upper limit of the flow's iterations.",
         source="Datasets, 50",
         ge=1,
         le=200,
@@ -242,7 +294,7 @@ class ReferenceParameters(StepParameters):
         "total_curvature",
         "Stop at",
         "total_curvature: total |K| / 4π below the limit; paper: the change of mean |K| exceeds "
-        "the threshold; change_point: the first elbow of the curve; fixed: the given iteration.",
+        "the threshold; change_point: an elbow of the curve; fixed: the given iteration.",
         source="Methods, Automatic stopping criterion for cMCF",
     )
     curvature_limit: float = setting(
@@ -258,6 +310,14 @@ class ReferenceParameters(StepParameters):
         "The paper's rule stops when mean |K| changes by more than −threshold.",
         source="Datasets, 1e-5 (blebs, lamellipodia), 1e-4 (filopodia)",
         gt=0,
+    )
+    change_point: int = setting(
+        1,
+        "Change point",
+        "Which elbow of the curve, for stop = change_point: at each one a step falls to a tenth of "
+        "the steepest since the last.",
+        ge=1,
+        le=10,
     )
     minimum_iterations: int = setting(
         1, "Minimum iterations", "Never stop earlier.", source="Methods, t_min", ge=0, le=200
@@ -289,6 +349,14 @@ class ReferenceParameters(StepParameters):
         ge=1_000,
         le=400_000,
     )
+    mesh_smoothing: int = setting(
+        0,
+        "Mesh smoothing",
+        "Iterations of volume-constrained Laplacian smoothing of the reference's mesh.",
+        source="Datasets, 15 (ruffles)",
+        ge=0,
+        le=100,
+    )
 
 
 class SphereParameters(StepParameters):
@@ -316,13 +384,34 @@ class UVParameters(StepParameters):
         le=2048,
         multiple_of=8,
     )
-    axis_weight: Literal["mean_curvature", "absolute_curvature", "positive_curvature", "none"] = (
-        setting(
-            "mean_curvature",
-            "Axis weight",
-            "What should be mapped with little distortion, i.e. away from the poles.",
-            source="Step 4, weighted PCA",
-        )
+    axis_weight: Literal[
+        "mean_curvature", "absolute_curvature", "positive_curvature", "field", "none"
+    ] = setting(
+        "mean_curvature",
+        "Axis weight",
+        "What should be mapped with little distortion, i.e. away from the poles.",
+        source="Step 4, weighted PCA",
+    )
+    axis_field: str = setting(
+        "mean_curvature_per_um",
+        "Axis field",
+        "The field of the reference, or of the surface next to it, that weighs the axis "
+        "(axis weight = field).",
+    )
+    axis_zyx: Direction | None = setting(
+        None,
+        "Axis by hand",
+        "Direction (z, y, x) in which the north pole lies, seen from the reference's centroid; "
+        "empty: found by the axis weight.",
+        source="Datasets, blebs: not the inferred axis",
+    )
+    axis_roll_degrees: float = setting(
+        0.0,
+        "Roll",
+        "Turn the image around its axis: what lay at this azimuth comes to the middle column.",
+        unit="°",
+        ge=-180,
+        le=180,
     )
 
 
@@ -472,18 +561,16 @@ def _toml_lines(name: str, value: Any, info: Any) -> list[str]:
     comment = f"# {info.title}{unit}: {info.description}{source}"
     if value is None:
         return [comment, f"# {name} ="]
+    return [comment, f"{name} = {toml_value(value)}"]
+
+
+def toml_value(value: Any) -> str:
+    """A value as it is written in TOML and after ``--set``."""
     if isinstance(value, bool):
-        return [comment, f"{name} = {str(value).lower()}"]
+        return str(value).lower()
     if isinstance(value, str):
-        return [comment, f"{name} = {toml_text(value)}"]
-    if isinstance(value, tuple):
-        return [comment, f"{name} = {list(value)!r}"]
-    return [comment, f"{name} = {value!r}"]
-
-
-def toml_text(value: str) -> str:
-    """A TOML string; what is not ASCII stays as it is (paths of Windows have backslashes)."""
-    return json.dumps(value, ensure_ascii=False)
+        return json.dumps(value, ensure_ascii=False)
+    return repr(list(value) if isinstance(value, tuple) else value)
 
 
 PRESETS: dict[str, dict[str, Any]] = {

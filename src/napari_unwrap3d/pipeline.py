@@ -24,6 +24,7 @@ from .progress import Progress
 from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
 from .unwrapping import measure
+from .unwrapping.axis import with_field_of
 from .unwrapping.direct import direct
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
@@ -223,7 +224,8 @@ def _shown(until: str) -> tuple[str, ...]:
 
 def _source_key(source: Source) -> str:
     if isinstance(source, Surface):
-        return content_hash("surface", source.vertices, source.faces)
+        fields = [part for field in source.fields.items() for part in field]
+        return content_hash("surface", source.vertices, source.faces, *fields)
     if isinstance(source, Mask):
         return content_hash("mask", source.data, source.voxel_size, source.origin)
     # A stack is lazy and may not fit into memory: it is known by where it came from.
@@ -283,7 +285,10 @@ def _sphere(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> A
 
 def _uv(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
     base = pipeline.value("reference")
-    chart = uv(base, pipeline.value("sphere"), parameters.uv, progress)
+    weighed = base
+    if parameters.uv.axis_weight == "field":
+        weighed = with_field_of(base, pipeline.value("surface"), parameters.uv.axis_field)
+    chart = uv(weighed, pipeline.value("sphere"), parameters.uv, progress)
     return chart, measure.measure_uv(base, chart)
 
 
@@ -310,31 +315,17 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
 
 
 def _direct(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
-    names = ("sealed", "surface", "uv", "topography")
-    charts = {name: pipeline.value(name) for name in names}
-    return _direct_of(charts, pipeline.value("stack"), parameters, progress)
-
-
-def _direct_of(
-    charts: dict[str, Any], mask: Mask, parameters: Parameters, progress: Progress
-) -> tuple[Any, dict[str, Any]]:
+    sealed = pipeline.value("sealed")
     chart = direct(
-        charts["sealed"],
-        charts["surface"],
-        charts["uv"],
-        charts["topography"],
-        mask.voxel_size[0],
+        sealed,
+        pipeline.value("surface"),
+        pipeline.value("uv"),
+        pipeline.value("topography"),
+        pipeline.value("stack").voxel_size[0],
         parameters.direct,
         progress,
     )
-    return chart, measure.measure_direct(charts["sealed"], chart)
-
-
-def on_demand(atlas: Atlas, name: str, progress: Progress) -> tuple[Any, dict[str, Any]]:
-    """A chart that :func:`unwrap` leaves out, from the other charts, and its numbers."""
-    names = ("sealed", "surface", "uv", "topography")
-    charts = {chart: getattr(atlas, chart) for chart in names}
-    return {"direct": _direct_of}[name](charts, atlas.mask, atlas.parameters, progress)
+    return chart, measure.measure_direct(sealed, chart)
 
 
 STEPS = (

@@ -9,11 +9,13 @@ from napari_unwrap3d.geometry.curvilinear import (
     count_folded,
     evaluate,
     invert,
+    node_volumes,
     repeat_ends,
     rows_from_v,
     trim_folded,
     v_from_rows,
 )
+from napari_unwrap3d.progress import Progress, silent
 from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
 from shapes import directions
 
@@ -245,3 +247,30 @@ def test_cells_above_the_end_of_a_streamline_are_none() -> None:
     assert count_folded(nodes, ALL, last)[0] == 4 * 4
     last[10, 20] = 6
     assert count_folded(nodes, ALL, last)[0] == 0
+
+
+def test_volumes_of_nodes_fill_the_shell_and_change_with_it() -> None:
+    last = np.full(ALL.shape, LAYERS - 1)
+    volumes = node_volumes(NODES, ALL, last, silent())
+    assert volumes.shape == (LAYERS, ROWS, 2 * ROWS)
+    assert volumes.min() > 0
+    shell_volume = 4 / 3 * np.pi * ((INNER + STEP * (LAYERS - 1)) ** 3 - INNER**3)
+    assert volumes.sum(dtype=float) == pytest.approx(shell_volume, rel=0.01)
+    linear = np.array([[2.0, 0.3, 0.0], [0.1, 1.5, -0.4], [0.0, 0.2, 0.8]])
+    moved = (NODES @ linear.T).astype(np.float32) + np.float32(3.0)
+    larger = node_volumes(moved, ALL, last, silent())
+    np.testing.assert_allclose(larger, np.linalg.det(linear) * volumes, rtol=0.005)
+
+
+def test_the_volumes_of_two_parts_are_those_of_the_whole() -> None:
+    last = np.full(ALL.shape, LAYERS - 1)
+    seen: list[float] = []
+    progress = Progress(lambda step, fraction, message: seen.append(fraction))
+    whole = node_volumes(NODES, ALL, last, progress)
+    lower, upper = (
+        node_volumes(NODES, ALL, ALL + 4, silent()),
+        node_volumes(NODES, ALL + 4, last, silent()),
+    )
+    np.testing.assert_allclose(lower + upper, whole, rtol=1e-5)
+    assert seen == sorted(seen)
+    assert len(seen) == 2

@@ -5,12 +5,18 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 
+from napari_unwrap3d.errors import MeshError
 from napari_unwrap3d.geometry.laplacian import (
+    LAPLACIANS,
+    MOLLIFY,
     Factor,
     conjugate_gradient,
     cotangent_laplacian,
     faces_to_vertices,
+    intrinsic_delaunay_laplacian,
     laplacian_from_weights,
+    mass_matrix,
+    robust_laplacian,
     vertex_mass,
 )
 from napari_unwrap3d.geometry.mesh import face_areas
@@ -82,6 +88,106 @@ def test_uniform_weights_count_the_neighbours() -> None:
     valence = np.bincount(faces.ravel())
     np.testing.assert_allclose(-laplacian.diagonal(), valence)
     assert set(np.unique(laplacian.toarray() - np.diag(laplacian.diagonal()))) == {0.0, 1.0}
+
+
+def off_diagonal(laplacian: sparse.csr_array) -> np.ndarray:
+    entries = laplacian.tocoo()
+    return entries.data[entries.row != entries.col]
+
+
+def sheared() -> tuple[np.ndarray, np.ndarray]:
+    """A body with many obtuse triangles."""
+    vertices, faces = icosphere(3)
+    return vertices * [1.0, 1.0, 6.0], faces
+
+
+@pytest.mark.parametrize("laplacian", [intrinsic_delaunay_laplacian, robust_laplacian])
+def test_no_intrinsic_weight_is_negative(laplacian) -> None:
+    vertices, faces = sheared()
+    assert off_diagonal(cotangent_laplacian(vertices, faces)).min() < -0.1
+    intrinsic = laplacian(vertices, faces)
+    assert off_diagonal(intrinsic).min() > -1e-12
+    assert abs(intrinsic - intrinsic.T).max() < 1e-12
+    np.testing.assert_allclose(intrinsic @ np.full(len(vertices), 7.0), 0, atol=1e-11)
+
+
+@pytest.mark.parametrize("laplacian", [intrinsic_delaunay_laplacian, robust_laplacian])
+def test_on_a_delaunay_mesh_it_is_the_cotangent_laplacian(laplacian) -> None:
+    vertices, faces = icosphere(3)
+    expected = cotangent_laplacian(vertices, faces)
+    assert off_diagonal(expected).min() > 0
+    assert abs(laplacian(vertices, faces) - expected).max() < 1e-10
+
+
+@pytest.mark.parametrize("name", LAPLACIANS)
+def test_every_laplacian_has_the_energy_of_a_coordinate(name: str) -> None:
+    """∫|∇z|² over the unit sphere, however its triangles lie."""
+    vertices, faces = icosphere(4)
+    # Points moved along the sphere, so that triangles become obtuse.
+    vertices = vertices + 0.02 * np.random.default_rng(0).normal(size=vertices.shape)
+    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    z = vertices[:, 0]
+    energy = -z @ (LAPLACIANS[name](vertices, faces) @ z)
+    assert energy == pytest.approx(8 * np.pi / 3, rel=0.01)
+
+
+def test_collapsed_triangles_are_refused_or_mollified() -> None:
+    vertices, faces = icosphere(3)
+    vertices[faces[0, 0]] = vertices[faces[0, 1]]
+    with pytest.raises(MeshError, match=r"collapsed_faces = 2.*robust") as caught:
+        intrinsic_delaunay_laplacian(vertices, faces)
+    assert caught.value.measured == {"collapsed_faces": 2}
+    robust = robust_laplacian(vertices, faces)
+    assert np.isfinite(robust.data).all()
+    assert off_diagonal(robust).min() >= 0
+    # No cotangent is larger than that of the thinnest triangle there can be.
+    assert abs(robust.diagonal()).max() < 2 / MOLLIFY
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_robust_laplacian_ends_on_any_mesh(seed: int) -> None:
+    """Flattened to a plate, to a line, or with a patch drawn into one point."""
+    rng = np.random.default_rng(seed)
+    vertices, faces = icosphere(3)
+    if seed % 2:
+        vertices = vertices * 10.0 ** rng.uniform(-9, 0, 3)
+    else:
+        vertices[: 50 * (seed + 1)] = vertices[0]
+    robust = robust_laplacian(vertices, faces)
+    assert np.isfinite(robust.data).all()
+    assert off_diagonal(robust).min() > -1e-12 * abs(robust).max()
+
+
+@pytest.mark.parametrize("kind", ["barycentric", "voronoi", "full"])
+@pytest.mark.parametrize("name", MESHES)
+def test_every_mass_sums_to_the_area(name: str, kind: str) -> None:
+    vertices, faces = MESHES[name]
+    mass = sparse.csr_array(mass_matrix(vertices, faces, kind))
+    assert mass.sum() == pytest.approx(face_areas(vertices, faces).sum(), rel=1e-12)
+    assert abs(mass - mass.T).max() == 0
+    assert (mass.data >= 0).all()
+    diagonal = mass.nnz == len(vertices)
+    assert diagonal == (kind != "full")
+
+
+def test_the_full_mass_integrates_products_of_linear_functions() -> None:
+    """Over one face of area A, ∫x² = A (Σ xᵢ² + Σ xᵢ xⱼ) / 6 with the sum over i < j."""
+    vertices, faces = MESHES["lumpy"]
+    x = vertices[:, 2]
+    mass = mass_matrix(vertices, faces, "full")
+    a, b, c = x[faces].T
+    squares = (a * a + b * b + c * c + a * b + b * c + c * a) / 6
+    assert x @ (mass @ x) == pytest.approx(squares @ face_areas(vertices, faces))
+
+
+@pytest.mark.parametrize("kind", ["barycentric", "voronoi", "full"])
+def test_collapsed_vertices_get_the_least_mass(kind: str) -> None:
+    vertices, faces = icosphere(2)
+    around = np.unique(faces[(faces == 0).any(axis=1)])
+    vertices[around] = vertices[0]
+    mass = sparse.csr_array(mass_matrix(vertices, faces, kind, 1e-14))
+    assert np.isfinite(mass.data).all()
+    assert mass.diagonal().min() == 1e-14
 
 
 @pytest.mark.parametrize("name", MESHES)

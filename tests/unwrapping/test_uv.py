@@ -1,4 +1,4 @@
-"""Step 4: the axis, the image grid, and which way round it is."""
+"""Step 4: the image grid, and which way round it is."""
 
 import numpy as np
 import pytest
@@ -7,19 +7,16 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import UV, Reference, Sphere
-from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.parameters import UVParameters
 from napari_unwrap3d.progress import Progress, silent
 from napari_unwrap3d.unwrapping.uv import (
-    axis_weight,
     direction_to_uv,
     pixel_distortion,
     pixel_grid,
-    unwrapping_rotation,
     uv,
     uv_to_direction,
 )
-from shapes import BUMPS, cell_centre, directions, icosphere, lumpy
+from shapes import BUMPS, cell_centre, icosphere
 
 RADIUS = 3.0
 
@@ -116,49 +113,8 @@ def test_the_bumps_are_around_each_other_as_in_space(small_atlas: Atlas) -> None
     np.testing.assert_array_equal(np.sign(space), np.sign(mapped))
 
 
-def test_the_axis_points_away_from_what_weighs_most() -> None:
-    where = directions(4000)
-    for axis in np.eye(3)[:, ::-1]:
-        weight = np.exp(-20 * (where @ axis) ** 2)  # a band around this axis
-        turn = unwrapping_rotation(where, weight)
-        assert abs((axis @ turn.T)[0]) > 0.99
-        np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-        assert np.linalg.det(turn) == pytest.approx(1.0)
-
-
-@settings(max_examples=30)
-@given(seed=st.integers(0, 10**6))
-def test_every_rotation_is_proper(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    turn = unwrapping_rotation(directions(200, seed), rng.normal(size=200))
-    np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-12)
-    assert np.linalg.det(turn) == pytest.approx(1.0)
-    # e1 and e2 have positive x and y components, as the paper has it.
-    assert turn[2, 2] >= 0
-    assert turn[1, 1] >= 0
-
-
-@pytest.mark.parametrize("weights", [np.zeros(100), np.full(100, np.nan)])
-def test_weights_that_say_nothing_are_an_error(weights: np.ndarray) -> None:
-    with pytest.raises(InputError, match="another axis weight"):
-        unwrapping_rotation(directions(100), weights)
-
-
-def test_weights_follow_the_curvature_of_the_reference() -> None:
-    vertices, faces = lumpy(2)
-    curvature = np.linspace(-1, 2, len(vertices))
-    base = Reference(vertices, faces, {"mean_curvature_per_um": curvature})
-    np.testing.assert_array_equal(axis_weight(base, "mean_curvature"), curvature)
-    np.testing.assert_array_equal(axis_weight(base, "absolute_curvature"), np.abs(curvature))
-    np.testing.assert_array_equal(axis_weight(base, "none"), 1.0)
-    positive = axis_weight(base, "positive_curvature")
-    assert set(np.unique(positive)) == {0.0, 1.0}
-    assert (curvature[positive == 1] > curvature[positive == 0].max()).all()
-    assert 0.1 < positive.mean() < 0.6
-
-
 @pytest.mark.parametrize(
-    "weight", ["mean_curvature", "absolute_curvature", "positive_curvature", "none"]
+    "weight", ["mean_curvature", "absolute_curvature", "positive_curvature", "field", "none"]
 )
 def test_every_weight_gives_an_image(weight: str) -> None:
     chart, _, _ = made(weight=weight)

@@ -65,6 +65,20 @@ def test_texts_and_several_numbers_come_back(form: ParametersForm) -> None:
         Parameters.from_dict(form.values())
 
 
+def test_directions_and_names_are_typed(form: ParametersForm) -> None:
+    axis, field = form.entries["uv.axis_zyx"], form.entries["uv.axis_field"]
+    assert axis.value is None
+    axis.widget.value, field.widget.value = "1, 0 -2.5", "actin"
+    typed = Parameters.from_dict(form.values())
+    assert (typed.uv.axis_zyx, typed.uv.axis_field) == ((1.0, 0.0, -2.5), "actin")
+    form.set_values(Parameters())
+    form.set_values(typed)
+    assert Parameters.from_dict(form.values()) == typed
+    axis.widget.value = "0, 0, 0"
+    with pytest.raises(ParameterError, match=r"uv\.axis_zyx.*length"):
+        Parameters.from_dict(form.values())
+
+
 def test_small_numbers_keep_their_digits(form: ParametersForm) -> None:
     entry = form.entries["reference.threshold"]
     assert float(entry.value) == 1e-5

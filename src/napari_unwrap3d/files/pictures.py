@@ -14,6 +14,8 @@ from ..charts import Floats
 from ..geometry.distortion import area_distortion, conformal_error
 from ..geometry.mesh import face_areas, vertex_normals
 from ..progress import Progress, silent
+from ..unwrapping.axis import frame
+from ..unwrapping.uv_views import chessboard
 from .drawing import (
     ACCENT,
     INK,
@@ -46,6 +48,7 @@ if TYPE_CHECKING:
     from ..atlas import Atlas
 
 SIDES = ("z", "y", "x")
+CHESS_TILES = 8
 
 
 def write_pictures(
@@ -253,6 +256,38 @@ def _distortion(
     return figure
 
 
+def draw_chessboard(atlas: Atlas) -> Figure:
+    """Squares of the uv image, carried back to the reference: what they look like on the cell."""
+    reference = atlas.reference
+    board = chessboard(atlas.uv.shape[0], CHESS_TILES)
+    carried = atlas.carry(board, "uv", "reference", kind="label")
+    colours = Colours("cividis", 0.6, 2.4, "")
+    figure = new_figure(
+        13.0,
+        9.6,
+        "Chessboard: squares of the uv image on the reference",
+        "their shape shows how angles change, their size how areas do; left: the middle of the "
+        "image, right: from behind",
+    )
+    grid = figure.add_gridspec(2, 2, height_ratios=(1, 1))
+    title = f"{2 * CHESS_TILES} × {CHESS_TILES} squares on (u, v)"
+    uv_panel(figure.add_subplot(grid[0, :]), board.astype(float), colours, title)
+    mesh = reference.vertices, reference.faces, carried.astype(float), colours
+    # Where the image's poles and its middle lie on the cell: the sphere is turned against it.
+    places = atlas.uv.positions
+    rows = len(places)
+    centre = places.mean(axis=(0, 1))
+    middle = places[rows // 2, rows - 1 : rows + 1].mean(axis=0)
+    axis = frame((places[0] - places[-1]).mean(axis=0), middle - centre)
+    for column, (view, side) in enumerate(
+        zip(front_and_back(axis), ("front", "back"), strict=True)
+    ):
+        axes = figure.add_subplot(grid[1, column])
+        mesh_panel(axes, *mesh, view)
+        axes.set_title(side, fontsize=12, color=INK)
+    return figure
+
+
 # Topography ------------------------------------------------------------------
 
 
@@ -323,7 +358,8 @@ def draw_reference_stop(atlas: Atlas) -> Figure:
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_formatter("")
     axes.locator_params(axis="x", integer=True)
-    axes.set_xlabel("iteration of the smoothing flow (cMCF)", fontsize=11)
+    flow = atlas.parameters.reference.flow
+    axes.set_xlabel(f"iteration of the smoothing flow ({flow})", fontsize=11)
     axes.set_ylabel("total |K| / 4π", fontsize=11)
     rule = (chart.stopped_by or "not recorded").replace("_", " ")
     axes.set_title(f"stopped by: {rule}", fontsize=11, color="#555555")
@@ -380,5 +416,6 @@ PICTURES: dict[str, tuple[Callable[[Atlas], Figure], tuple[str, ...]]] = {
     "uv": (draw_uv, ("uv",)),
     "sphere_distortion": (draw_sphere_distortion, ("reference", "sphere", "uv")),
     "uv_distortion": (draw_uv_distortion, ("uv",)),
+    "chessboard": (draw_chessboard, ("reference", "sphere", "uv")),
     "topography": (draw_topography, ("topography", "uv")),
 }

@@ -12,8 +12,12 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from ..progress import Progress
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
+
+LAYERS_PER_REPORT = 8
 
 
 def rows_from_v(v: Floats, rows: int) -> Floats:
@@ -144,6 +148,82 @@ def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-unt
             u += damping * s2
         residual[i] = best
     return found, residual
+
+
+def node_volumes(
+    nodes: npt.NDArray[np.float32], first: Ints, last: Ints, progress: Progress
+) -> npt.NDArray[np.float32]:
+    """Volume (D, N, 2N) that belongs to every node at a pixel, of the cells that there are.
+
+    A cell is cut at half its width in d, v and u into eight parts, one for each of its corners;
+    what lies between a pole and the row next to it belongs to that row. The volume of a part
+    is that of the trilinear cell by the midpoint rule: all together are the whole.
+
+    Parameters
+    ----------
+    nodes : ndarray, (D, N + 2, 2N, 3) float32
+    first, last : ndarray, (N + 2, 2N) int64
+        First and last layer that each column reaches.
+    """
+    layers, rows, columns = nodes.shape[:3]
+    volumes = np.zeros((layers, rows - 2, columns), np.float32)
+    for begin in range(0, layers - 1, LAYERS_PER_REPORT):
+        progress(begin / layers, "measuring volumes")
+        _add_volumes(nodes, first, last, begin, min(begin + LAYERS_PER_REPORT, layers - 1), volumes)
+    return volumes
+
+
+@numba.njit(nogil=True, cache=True)
+def _add_volumes(nodes, first, last, begin, end, volumes):  # type: ignore[no-untyped-def]
+    """Add the parts of the cells of layers begin … end − 1 to their nodes, in place."""
+    _, rows, columns, _ = nodes.shape
+    p = np.empty((2, 2, 2, 3), np.float64)
+    m = np.empty((3, 3), np.float64)
+    for a in range(begin, end):
+        for b in range(rows - 1):
+            for c in range(columns):
+                e = c + 1 if c + 1 < columns else 0
+                if a < max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e])):
+                    continue
+                if a >= min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e])):
+                    continue
+                for i in range(2):
+                    for j in range(2):
+                        for k in range(3):
+                            p[i, j, 0, k] = nodes[a + i, b + j, c, k]
+                            p[i, j, 1, k] = nodes[a + i, b + j, e, k]
+                for j in range(2):
+                    row = min(max(b + j - 1, 0), rows - 3)
+                    fr = 0.25 + 0.5 * j
+                    for i in range(2):
+                        fd = 0.25 + 0.5 * i
+                        for k in range(2):
+                            part = _part_of_cell(p, fd, fr, 0.25 + 0.5 * k, m)
+                            volumes[a + i, row, e if k else c] += part
+
+
+@numba.njit(nogil=True, cache=True)
+def _part_of_cell(p, fd, fr, fu, m):  # type: ignore[no-untyped-def]
+    """An eighth of the determinant of (∂d, ∂u, ∂v) within a cell of corners (2, 2, 2, 3).
+
+    `m` (3, 3) is room for the derivatives.
+    """
+    for k in range(3):
+        y00 = p[0, 0, 0, k] * (1 - fu) + p[0, 0, 1, k] * fu
+        y01 = p[0, 1, 0, k] * (1 - fu) + p[0, 1, 1, k] * fu
+        y10 = p[1, 0, 0, k] * (1 - fu) + p[1, 0, 1, k] * fu
+        y11 = p[1, 1, 0, k] * (1 - fu) + p[1, 1, 1, k] * fu
+        below = (p[0, 0, 1, k] - p[0, 0, 0, k]) * (1 - fr) + (p[0, 1, 1, k] - p[0, 1, 0, k]) * fr
+        above = (p[1, 0, 1, k] - p[1, 0, 0, k]) * (1 - fr) + (p[1, 1, 1, k] - p[1, 1, 0, k]) * fr
+        m[0, k] = (y10 - y00) * (1 - fr) + (y11 - y01) * fr
+        m[1, k] = below * (1 - fd) + above * fd
+        m[2, k] = (y01 - y00) * (1 - fd) + (y11 - y10) * fd
+    determinant = (
+        m[0, 0] * (m[1, 1] * m[2, 2] - m[1, 2] * m[2, 1])
+        + m[0, 1] * (m[1, 2] * m[2, 0] - m[1, 0] * m[2, 2])
+        + m[0, 2] * (m[1, 0] * m[2, 1] - m[1, 1] * m[2, 0])
+    )
+    return determinant / 8.0
 
 
 def count_folded(

@@ -1,44 +1,33 @@
 """Step 1: the smooth genus-0 reference under the protrusions.
 
-The sealed surface flows by conformalized mean curvature flow (Kazhdan, Solomon and
-Ben-Chen 2012, doi:10.1111/j.1467-8659.2012.03179.x) until its protrusions are gone,
-is voxelised, made a topological ball, meshed and remeshed.
+The sealed surface flows until its protrusions are gone, is voxelised, made a topological
+ball, meshed and remeshed.
 """
 
 from __future__ import annotations
 
-import logging
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 from scipy import ndimage
 
 from ..charts import Floats, Ints, Mask, Reference, SealedSurface, Volume
 from ..errors import NotGenusZeroError
 from ..geometry.curvature import mean_curvature, total_absolute_curvature
 from ..geometry.distance import distance_to, signed_distance
-from ..geometry.laplacian import (
-    Factor,
-    cotangent_laplacian,
-    vertex_mass,
-)
+from ..geometry.laplacian import vertex_mass
 from ..geometry.marching import clamped_marching_cubes, field_with_sign
-from ..geometry.mesh import euler_characteristic, face_areas, is_watertight
+from ..geometry.mesh import euler_characteristic, is_watertight, signed_volume
 from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
+from ..geometry.smoothing import smooth_keeping_volume
 from ..geometry.topology import euler_characteristic as solid_euler_characteristic
 from ..geometry.topology import seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
+from .flow import Flow, curvature_flow, fit_to
 
-logger = logging.getLogger(__name__)
-
-MASS_FLOOR = 1e-14
 # The flow smooths over many edges of a fine mesh: it loses nothing on a coarser one.
 FLOW_VERTICES = 40_000
-FIT_ROUNDS = 10
 BORDER_VOXELS = 6
 PLUG_FRACTION = 0.25
 PLUG_DEPTH_FRACTION = 0.6
@@ -46,16 +35,6 @@ SMALLEST_PLUG_VOXELS = 2.0
 # The reference is smooth; what is finer than this in its curvature are its voxels.
 CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
-
-
-@dataclass(frozen=True, eq=False)
-class Flow:
-    """The flow's vertices (n, 3) of unit area at its stop, and the curve that stopped it."""
-
-    vertices: Floats
-    iteration: int
-    total_curvature: Floats
-    stopped_by: str
 
 
 def reference(
@@ -82,14 +61,12 @@ def reference(
     """
     if sealed.mask is None:
         raise NotGenusZeroError("The sealed surface has no mask.", hint="Make it with seal().")
-    mask = sealed.mask
-    start, start_faces = coarsened(*plugged(sealed, mask), progress.part(0.0, 0.05))
-    flow = conformalized_flow(start, start_faces, parameters, progress.part(0.05, 0.6))
-    placed = fit_to(flow.vertices, start, vertex_mass(start, start_faces))
-    mask = _with_border(mask)
-    progress(0.62, "voxelising the reference")
-    inside = voxelize(mask.to_index(placed), start_faces, mask.shape)
-    solid = seal(without_spikes(_largest(inside)))
+    mask = _with_border(sealed.mask)
+    if parameters.skip:
+        curve = np.array([total_absolute_curvature(sealed.vertices, sealed.faces)])
+        solid, flow = mask.data, Flow(sealed.vertices, 0, curve, "skipped")
+    else:
+        solid, flow = smoothed_solid(sealed, mask, parameters, progress)
     progress(0.72, "meshing the reference")
     level = level_function(solid, parameters.smoothing_voxels)
     vertices, faces = mesh_level(level, parameters.vertices, progress.part(0.75, 0.95))
@@ -99,6 +76,10 @@ def reference(
             "The reference is not a topological sphere.",
             euler_characteristic=chi,
             hint="Smooth more (a later stop of the flow), or choose a smaller working voxel.",
+        )
+    if parameters.mesh_smoothing:
+        vertices = smooth_keeping_volume(
+            vertices, faces, progress.part(0.95, 1.0), iterations=parameters.mesh_smoothing
         )
     distance = signed_distance(solid)
     curvature = mean_curvature(distance, vertices, smoothing=CURVATURE_SMOOTHING_VOXELS)
@@ -112,6 +93,25 @@ def reference(
         total_curvature=flow.total_curvature,
         stopped_by=flow.stopped_by,
     )
+
+
+def smoothed_solid(
+    sealed: SealedSurface, grid: Mask, parameters: ReferenceParameters, progress: Progress
+) -> tuple[npt.NDArray[np.bool_], Flow]:
+    """The flowed surface where it came from, as a topological ball on the grid."""
+    assert sealed.mask is not None
+    start, faces = coarsened(*plugged(sealed, sealed.mask), progress.part(0.0, 0.05))
+    # The paper's mean is over the vertices of the surface itself, not of the coarser one.
+    flow = curvature_flow(
+        start, faces, parameters, progress.part(0.05, 0.6), mean_over=len(sealed.vertices)
+    )
+    scale = None
+    if parameters.keep_volume:
+        scale = float(np.cbrt(signed_volume(start, faces) / signed_volume(flow.vertices, faces)))
+    placed = fit_to(flow.vertices, start, vertex_mass(start, faces), scale=scale)
+    progress(0.62, "voxelising the reference")
+    inside = voxelize(grid.to_index(placed), faces, grid.shape)
+    return seal(without_spikes(_largest(inside))), flow
 
 
 def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
@@ -187,88 +187,6 @@ def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     return kept
 
 
-def conformalized_flow(
-    vertices: Floats, faces: Ints, parameters: ReferenceParameters, progress: Progress
-) -> Flow:
-    """Run the cMCF until its stopping rule fires (paper, Step 1).
-
-    ``(M_t − δ L_0) v(t+1) = M_t v(t)`` with unit total area and the centroid at the origin
-    after every iteration.
-    """
-    points = _normalized(vertices, faces)
-    stiffness = parameters.delta * cotangent_laplacian(points, faces)
-    curve = [total_absolute_curvature(points, faces)]
-    rule = "maximum iterations"
-    stop_at: int | None = None
-    iteration = 0
-    for iteration in range(1, parameters.iterations + 1):
-        progress((iteration - 1) / parameters.iterations, f"smoothing, iteration {iteration}")
-        mass = np.maximum(vertex_mass(points, faces), MASS_FLOOR)
-        matrix = sparse.csr_array(sparse.diags_array(mass) - stiffness)
-        right = mass[:, None] * points
-        solution = progress.run(Factor, matrix).solve(right)
-        points = _normalized(solution, faces)
-        curve.append(total_absolute_curvature(points, faces))
-        if stop_at is None:
-            fired = stopping_rule(np.array(curve), len(vertices), parameters)
-            if fired:
-                rule, stop_at = fired, iteration + parameters.extra_iterations
-        if stop_at is not None and iteration >= stop_at:
-            break
-    logger.info("cMCF stopped at iteration %d (%s)", iteration, rule)
-    return Flow(points, iteration, np.array(curve), rule)
-
-
-def stopping_rule(curve: Floats, vertices: int, parameters: ReferenceParameters) -> str:
-    """The name of the rule that fires at the last point of the curve, or an empty string.
-
-    Parameters
-    ----------
-    curve : ndarray, (t + 1,)
-        Total |K| / 4π at iterations 0..t.
-    vertices : int
-        Number of vertices; the paper's rule speaks of the mean over them.
-    """
-    iteration = len(curve) - 1
-    if parameters.stop == "fixed":
-        return "fixed" if iteration >= parameters.fixed_iteration else ""
-    if iteration < max(parameters.minimum_iterations, 1):
-        return ""
-    if parameters.stop == "total_curvature":
-        return "total_curvature" if curve[-1] < parameters.curvature_limit else ""
-    change = (curve[-1] - curve[-2]) * 4.0 * np.pi / vertices
-    if parameters.stop == "paper":
-        return "paper" if change > -parameters.threshold else ""
-    return "change_point" if is_past_elbow(curve) else ""
-
-
-def is_past_elbow(curve: Floats) -> bool:
-    """Whether the last step of a falling curve is a tenth of its steepest one or less."""
-    steps = -np.diff(curve)
-    return len(steps) >= 2 and bool(steps[-1] <= 0.1 * steps.max())
-
-
-def fit_to(moved: Floats, original: Floats, mass: Floats) -> Floats:
-    """Scale and shift flowed vertices back onto the cortex they came from.
-
-    The flow has unit area and no position. Vertices of the cortex hardly move, those of
-    protrusions move far; minimising the sum of distances (not of squares), by iteratively
-    reweighted least squares, follows the cortex.
-    """
-    weights = mass.copy()
-    scale_length = np.sqrt(mass.sum())
-    result = moved
-    for _ in range(FIT_ROUNDS):
-        share = weights / weights.sum()
-        centre_moved, centre = share @ moved, share @ original
-        a, b = moved - centre_moved, original - centre
-        scale = float(share @ np.einsum("ij,ij->i", a, b) / (share @ np.einsum("ij,ij->i", a, a)))
-        result = scale * a + centre
-        distance = np.linalg.norm(result - original, axis=1)
-        weights = mass / np.maximum(distance, 1e-3 * scale_length)
-    return result
-
-
 def level_function(solid: npt.NDArray[np.bool_], smoothing: float) -> npt.NDArray[np.float32]:
     """Smoothed solid minus ½, its sign forced to agree with the solid."""
     values = solid.astype(np.float32)
@@ -306,11 +224,3 @@ def _largest(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
         return solid
     largest: npt.NDArray[np.bool_] = labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1
     return largest
-
-
-def _normalized(points: Floats, faces: Ints) -> Floats:
-    """Unit area, area-weighted centroid at the origin."""
-    area = face_areas(points, faces)
-    centroid = area @ points[faces].mean(axis=1) / area.sum()
-    normalized: Floats = (points - centroid) / np.sqrt(area.sum())
-    return normalized

@@ -1,4 +1,4 @@
-"""Step 4: the unwrapping axis and the (u, v) image of the sphere."""
+"""Step 4: the (u, v) image of the sphere."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import UV, Floats, Reference, Sphere
-from ..errors import InputError
-from ..geometry.laplacian import vertex_mass
 from ..geometry.locate import SphericalLocator, interpolate
 from ..geometry.padding import pad_sphere
 from ..parameters import UVParameters
 from ..progress import Progress
+from .axis import axis_rotation
 
 ROWS_PER_REPORT = 32
 
@@ -22,8 +21,7 @@ def uv(reference: Reference, sphere: Sphere, parameters: UVParameters, progress:
     Every pixel's direction is located in the spherical triangle that holds it; its
     position is the same barycentric combination of the reference's vertices.
     """
-    weight = axis_weight(reference, parameters.axis_weight)
-    rotation = unwrapping_rotation(sphere.vertices, weight * np.sqrt(vertex_mass_of(sphere)))
+    rotation = axis_rotation(reference, sphere, parameters)
     rows = parameters.rows
     locator = SphericalLocator(sphere.vertices @ rotation.T, sphere.faces)
     face = np.empty((rows, 2 * rows), np.int64)
@@ -44,61 +42,6 @@ def uv(reference: Reference, sphere: Sphere, parameters: UVParameters, progress:
         curvature, reference.faces, flat_face, flat_weights
     ).reshape(rows, 2 * rows)
     return UV(rotation=rotation, face=face, weights=weights, positions=positions, fields=fields)
-
-
-def vertex_mass_of(sphere: Sphere) -> Floats:
-    """Area of the sphere around each vertex, summing to 1."""
-    mass = vertex_mass(sphere.vertices, sphere.faces)
-    share: Floats = mass / mass.sum()
-    return share
-
-
-def axis_weight(reference: Reference, kind: str) -> Floats:
-    """Weight (n,) per vertex of the reference; see :class:`UVParameters`."""
-    curvature = np.asarray(reference.fields["mean_curvature_per_um"], dtype=np.float64)
-    if kind == "none":
-        return np.ones(len(curvature))
-    if kind == "absolute_curvature":
-        return np.abs(curvature)
-    if kind == "positive_curvature":
-        from skimage.filters import threshold_multiotsu
-
-        positive = curvature > threshold_multiotsu(curvature, classes=3)[-1]
-        return np.asarray(positive, dtype=np.float64)
-    return curvature
-
-
-def unwrapping_rotation(directions: Floats, weights: Floats) -> Floats:
-    """Proper rotation (3, 3) that turns the unwrapping axis to +z (paper, Step 4).
-
-    The axis is the eigenvector of the smallest eigenvalue of ``Σ (w v)(w v)ᵀ``, so that what
-    weighs most lies near the equator.
-
-    Parameters
-    ----------
-    directions : ndarray, (n, 3)
-        Unit vectors (z, y, x).
-    weights : ndarray, (n,)
-
-    Returns
-    -------
-    ndarray, (3, 3)
-        ``directions @ rotation.T`` are the turned unit vectors, still (z, y, x).
-    """
-    if not np.isfinite(weights).all() or not np.any(weights):
-        raise InputError(
-            "The weights of the unwrapping axis are all zero or not finite.",
-            hint="Choose another axis weight, or none.",
-        )
-    weighted = weights[:, None] * directions[:, ::-1]
-    _, vectors = np.linalg.eigh(weighted.T @ weighted)
-    e1, e2 = vectors[:, 2], vectors[:, 1]
-    e1 = e1 if e1[0] >= 0 else -e1
-    e2 = e2 if e2[1] >= 0 else -e2
-    e3 = np.cross(e1, e2)
-    rotation_xyz = np.stack([e1, e2, e3])
-    rotation: Floats = rotation_xyz[::-1, ::-1].copy()
-    return rotation
 
 
 def pixel_grid(rows: int) -> Floats:

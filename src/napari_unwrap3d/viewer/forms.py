@@ -172,6 +172,14 @@ class ParametersForm(QWidget):
             self._layout.setRowVisible(heading, self._all and step in shown)
 
 
+def _as_text(value: Any) -> str:
+    """Nothing, a text, a number, or several numbers, as they are typed."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    numbers = value if isinstance(value, tuple) else (value,)
+    return ", ".join(f"{number:.10g}" for number in numbers)
+
+
 def label(info: FieldInfo) -> str:
     """Title of a parameter with its unit."""
     unit = _extra(info).get("unit", "")
@@ -241,14 +249,6 @@ def _widget(kind: Any, info: FieldInfo, optional: bool) -> Any:
     if kind is int:
         return _integer(info)
     return _number(info)
-
-
-def _as_text(value: Any) -> str:
-    if value is None:
-        return ""
-    if isinstance(value, tuple):
-        return ", ".join(_as_text(number) for number in value)
-    return value if isinstance(value, str) else f"{value:.10g}"
 
 
 def _spans_decades(info: FieldInfo) -> bool:
