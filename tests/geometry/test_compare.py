@@ -87,9 +87,7 @@ def test_two_spheres(r: float, R: float) -> None:
     assert found["area_difference"] == pytest.approx((r / R) ** 2 - 1)
     assert found["volume_difference"] == pytest.approx((r / R) ** 3 - 1)
     assert found["area_difference_um2"] == pytest.approx(4 * np.pi * (r**2 - R**2), rel=0.01)
-    assert found["volume_difference_um3"] == pytest.approx(
-        4 / 3 * np.pi * (r**3 - R**3), rel=0.02
-    )
+    assert found["volume_difference_um3"] == pytest.approx(4 / 3 * np.pi * (r**3 - R**3), rel=0.02)
     assert found["volume_um3"]["second"] == pytest.approx(4 / 3 * np.pi * R**3, rel=0.01)
     assert found["hausdorff_um"] == pytest.approx(abs(R - r), rel=0.1)
     # Projected onto a line a sphere is uniform over ±r, so that W1 is |R - r| / 2.

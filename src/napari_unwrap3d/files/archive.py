@@ -26,6 +26,7 @@ NUMBERS = frozenset(
     + [f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64)]
 )
 CODECS = ["bytes", "blosc"]
+LONGEST_EXTRA = 32  # the sizes of an entry beyond 4 GiB
 LARGEST_JSON = 32 * 2**20
 # Empty masks shrink 10 000 times, whole projects 2 to 20 times.
 LARGEST_RATIO = 1000
@@ -56,11 +57,14 @@ def check_entries(archive: zipfile.ZipFile, size: int) -> None:
     entries = archive.infolist()
     for entry in entries:
         name = entry.filename
-        parts = name.split("/")
+        parts = name.removesuffix("/").split("/")
         if name.startswith("/") or "\\" in name or ":" in parts[0] or {"", ".", ".."} & {*parts}:
             raise UnsafeFileError(f"The entry {name!r} leaves the archive.", hint=HINT)
         if stat.S_ISLNK(entry.external_attr >> 16):
             raise UnsafeFileError(f"The entry {name!r} is a link.", hint=HINT)
+        if entry.comment or len(entry.extra) > LONGEST_EXTRA:
+            # A damaged length makes an entry swallow those that follow it.
+            raise UnsafeFileError(f"The entry {name!r} carries more than its content.", hint=HINT)
         if entry.flag_bits & 1:
             raise UnsafeFileError(f"The entry {name!r} is encrypted.", hint=HINT)
         if entry.compress_type != zipfile.ZIP_STORED or entry.file_size != entry.compress_size:

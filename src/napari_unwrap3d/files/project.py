@@ -414,6 +414,8 @@ def _read_group(group: Any, report: Progress) -> Any:
     kind = attributes["type"]
     if kind == "mapping":
         names = attributes["names"]
+        if str(len(names)) in group or len(set(names)) < len(names):
+            raise FileFormatError(f"The names of {group.path!r} are not those of its arrays.")
         arrays = (group[str(index)] for index in range(len(names)))
         return {name: _read_array(array, report) for name, array in zip(names, arrays, strict=True)}
     cls = TYPES[kind]
