@@ -237,7 +237,7 @@ def comparison_pairs(found: Mapping[str, Any]) -> dict[str, Any]:
         pairs[f"{name} ({unit})"] = f"{format_value(one)} and {format_value(other)}"
         ratio, difference = found[f"{name}_difference"], found[f"{name}_difference_um{power}"]
         known = ratio is not None
-        text = f"{100 * ratio:+.4g} % ({difference:+.4g} {unit})" if known else "none"
+        text = f"{100 * ratio:+.4g} % ({difference:+.4g} {unit})" if known else format_value(None)
         pairs[f"Δ{sign}"] = text
     return pairs
 

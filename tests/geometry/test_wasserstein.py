@@ -97,20 +97,20 @@ def test_points_of_a_surface_are_uniform_by_area() -> None:
     vertices, faces = lumpy(3)
     anew, finer = unevenly(vertices, faces)
     assert face_areas(anew, finer).sum() == pytest.approx(face_areas(vertices, faces).sum())
-    assert sliced_wasserstein(vertices, anew) > 0.1
+    assert sliced_wasserstein(vertices, anew) > 0.2
     found = sampled_sliced_wasserstein((vertices, faces), (anew, finer), samples=5000)
     assert isinstance(found, Sampled)
     assert found.distance == pytest.approx(found.noise_floor, rel=0.25)
-    assert found.noise_floor < 0.1 * sliced_wasserstein(vertices, anew) + 0.05
+    assert found.noise_floor < 0.01
 
 
-def test_the_noise_floor_falls_with_the_root_of_the_samples() -> None:
+def test_the_noise_floor_falls_with_the_number_of_points() -> None:
     body = icosphere(2)
     floors = [
         sampled_sliced_wasserstein(body, body, samples=n, projections=20).noise_floor
         for n in (500, 8000)
     ]
-    assert floors[0] / floors[1] == pytest.approx(4, rel=0.3)
+    assert floors[0] > 4 * floors[1] > 0
 
 
 def test_a_moved_surface_stands_out_from_the_noise() -> None:

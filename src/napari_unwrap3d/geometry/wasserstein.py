@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from ..errors import InputError, MeshError
 from ..progress import Progress, silent
+from .mesh import face_areas
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -105,13 +106,14 @@ def sampled_sliced_wasserstein(
 ) -> Sampled:
     """Sliced Wasserstein distance between random points of two surfaces, uniform by area.
 
-    Every evaluation draws new points and new directions.
+    Every evaluation draws new points and new directions. The noise floor has the same
+    points per area as the distance, and falls as their number grows.
 
     Parameters
     ----------
     first, second : (vertices (n, 3), faces (m, 3))
     samples : int
-        Points on each surface. The noise floor falls with its square root.
+        Points on each surface.
     projections, evaluations, order, statistic, seed, progress
         See :func:`sliced_wasserstein`.
 
@@ -158,16 +160,25 @@ def _directions(count: int, rng: np.random.Generator) -> Floats:
 
 
 def _sampler(vertices: Floats, faces: Ints) -> Callable[[int, np.random.Generator], Floats]:
-    """A function that draws points (count, 3) of the surface, uniform by area."""
-    import trimesh
+    """A function that draws points (count, 3) of the surface, uniform by area.
 
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
-    if not mesh.area_faces.sum() > 0:
+    The faces in their order are divided into `count` parts of equal area, and each part gets
+    one point: neighbours in the order are mostly neighbours in space, so that far fewer
+    points settle the distances than independent ones would.
+    """
+    filled = np.cumsum(face_areas(vertices, faces))
+    if not filled.size or not filled[-1] > 0:
         raise MeshError("The mesh has no area.", faces=len(faces))
+    corners = vertices[faces]
 
     def draw(count: int, rng: np.random.Generator) -> Floats:
-        points = trimesh.sample.sample_surface(mesh, count, seed=rng)[0]
-        return np.asarray(points, dtype=np.float64)
+        area = (np.arange(count) + rng.random(count)) * (filled[-1] / count)
+        face = np.searchsorted(filled, area).clip(max=len(faces) - 1)
+        weights = rng.random((2, count))
+        weights = np.where(weights.sum(axis=0) > 1, 1 - weights, weights)
+        a, b, c = np.moveaxis(corners[face], 1, 0)
+        points: Floats = a + weights[0, :, None] * (b - a) + weights[1, :, None] * (c - a)
+        return points
 
     return draw
 
@@ -184,9 +195,16 @@ def _sliced(
     powers = np.empty(len(directions))
     for index, direction in enumerate(directions):
         report(index / len(directions), "sliced Wasserstein")
-        gap = np.abs(np.sort(first @ direction)[i] - np.sort(second @ direction)[j])
-        powers[index] = share @ (gap if order == 1 else gap**order)
+        gap = np.abs(_projected(first, direction)[i] - _projected(second, direction)[j])
+        powers[index] = (share * (gap if order == 1 else gap**order)).sum()
     return float(reduce(powers) ** (1.0 / order))
+
+
+def _projected(points: Floats, direction: Floats) -> Floats:
+    """Sorted coordinates (n,) along a direction."""
+    # No matrix product: its threads cost more than they save, and wait for other processes.
+    along: Floats = np.sort(np.einsum("ij,j->i", points, direction))
+    return along
 
 
 def _quantiles(n: int, m: int) -> tuple[Floats, Ints, Ints]:
