@@ -260,9 +260,11 @@ def export_command(arguments: argparse.Namespace, console: Console) -> int:
     """``export``: the files of a saved project."""
     from .console import StepProgress, print_quality
     from .files.export import check_folder, export_atlas
+    from .files.formats import Formats
     from .files.project import load_project
     from .quality import quality_rows
 
+    formats = Formats.named(arguments.format)
     check_folder(arguments.output, arguments.overwrite)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         atlas = load_project(arguments.input, progress.named("reading"))
@@ -270,6 +272,7 @@ def export_command(arguments: argparse.Namespace, console: Console) -> int:
             atlas,
             arguments.output,
             pictures=not arguments.no_pictures,
+            formats=formats,
             overwrite=arguments.overwrite,
             progress=progress.named("files"),
         )
@@ -286,9 +289,11 @@ def _unwrap_and_export(
 ) -> Atlas:
     from .console import StepProgress, print_quality
     from .files.export import export_atlas
+    from .files.formats import Formats
     from .pipeline import Pipeline
     from .quality import quality_rows
 
+    formats = Formats.named(arguments.format)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         atlas = _named(Pipeline(source).run(parameters, progress), arguments)
         export_atlas(
@@ -296,6 +301,7 @@ def _unwrap_and_export(
             arguments.output,
             stack=source if isinstance(source, Stack) else None,
             pictures=not arguments.no_pictures,
+            formats=formats,
             overwrite=arguments.overwrite,
             progress=progress.named("files"),
         )

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ParameterError
+from .files.formats import NAMES
 from .parameters import PRESETS, Parameters
 
 
@@ -57,6 +58,14 @@ def add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
         required=default is None,
         metavar="FOLDER",
         help="where to write" + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument(
+        "--format",
+        action="append",
+        default=[],
+        choices=NAMES,
+        help="format of meshes, images or tables instead of ply, ome-tiff and csv; several can be "
+        "given (obj has a texture, parquet needs pyarrow)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier export")
     parser.add_argument("--no-pictures", action="store_true", help="write no PNG pictures")

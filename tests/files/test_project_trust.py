@@ -22,8 +22,8 @@ from napari_unwrap3d.errors import (
     FileFormatError,
     InputError,
     SchemaError,
-    Unwrap3DError,
     UnsafeFileError,
+    Unwrap3DError,
 )
 from napari_unwrap3d.files import archive
 from napari_unwrap3d.files.project import CHARTS, load_project, load_surface, save_project
@@ -107,8 +107,7 @@ def test_flipped_bytes_give_a_named_error_or_the_same_atlas(
         broken.write_bytes(flipped)
         try:
             loaded = load_project(broken)
-        except Unwrap3DError as error:
-            assert isinstance(error, FileFormatError), place
+        except FileFormatError:
             outcomes["refused"] += 1
         else:
             assert dict(arrays_of(loaded)) == truth, place

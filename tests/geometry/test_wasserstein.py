@@ -60,7 +60,7 @@ def test_a_translation(statistic: str, order: int, expected: float) -> None:
 def test_the_papers_variant_of_a_translation() -> None:
     """50 directions and 10 evaluations, as in the paper: 50/51 within 3 standard errors."""
     cloud = points(50)
-    found = sliced_wasserstein(cloud, cloud + (0, 0, 1.0))
+    found = sliced_wasserstein(cloud, cloud + np.array([0, 0, 1.0]))
     spread = np.sqrt(50 / 52) / 51  # of the largest of 50 uniform numbers
     assert found == pytest.approx(50 / 51, abs=3 * spread / np.sqrt(10))
 
@@ -115,7 +115,7 @@ def test_the_noise_floor_falls_with_the_number_of_points() -> None:
 
 def test_a_moved_surface_stands_out_from_the_noise() -> None:
     vertices, faces = lumpy(3)
-    moved = vertices + (0, 0.3, 0)
+    moved = vertices + np.array([0, 0.3, 0])
     found = sampled_sliced_wasserstein((vertices, faces), (moved, faces), samples=4000)
     assert found.distance == pytest.approx(0.3 * 50 / 51, rel=0.05)
     assert found.distance > 5 * found.noise_floor
