@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import os
 import signal
 import subprocess
@@ -134,6 +135,46 @@ def test_info_of_a_project(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
         assert expected in text
 
 
+# Compare -----------------------------------------------------------------------
+
+
+def test_two_meshes_are_compared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    vertices, faces = icosphere(2)
+    first = write_mesh(tmp_path / "first.stl", 3 * vertices, faces)
+    second = write_mesh(tmp_path / "second.obj", 2 * vertices, faces)
+    words = ["compare", str(first), str(second), "--samples", "500", "--projections", "10"]
+    assert main(words) == 0
+    text = capsys.readouterr().out
+    for expected in (
+        "first.stl against second.obj",
+        "Chamfer",
+        "noise floor",
+        "+125 %",
+        "+237.5 %",
+    ):
+        assert expected in text
+    assert main([*words, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["area_difference"] == pytest.approx(9 / 4 - 1, rel=1e-5)
+    assert found["volume_difference"] == pytest.approx(27 / 8 - 1, rel=1e-5)
+    assert found["sliced_wasserstein_vertices_um"] == pytest.approx(0.5, rel=0.1)
+    assert main([*words, "--json", "--scale", "0.1", "--seed", "3"]) == 0
+    assert json.loads(capsys.readouterr().out)["hausdorff_um"] == pytest.approx(0.1, rel=0.1)
+
+
+def test_a_project_and_an_open_mesh_are_compared(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    atlas = make_atlas(2, 8)
+    project = save_project(atlas, tmp_path / "cell.unwrap3d")
+    vertices, faces = atlas.surface.vertices, atlas.surface.faces
+    mesh = write_mesh(tmp_path / "open.vtp", vertices, faces[1:])
+    assert main(["compare", str(project), str(mesh), "--samples", "500"]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "The second mesh is open, or branches: it has no volume." in text
+    assert "ΔV │ –" in text
+
+
 # Errors ----------------------------------------------------------------------
 
 
@@ -159,6 +200,8 @@ def test_wrong_input_is_two_and_a_message(
         (["export", str(project), "-o", out], "no project"),
         (["info", str(project)], "no project"),
         (["info"], "Nothing to look at"),
+        (["compare", str(no_size), str(project)], "not a kind of mesh"),
+        (["compare", str(project), str(project)], "no project"),
         (["demo", "--kind", "unknown", "-o", out], "There is no kind"),
     ]:
         assert main(words) == cli.WRONG_INPUT, words
@@ -257,11 +300,13 @@ def test_a_mesh_is_unwrapped_and_exported_again(
 
     again = tmp_path / "again"
     words = ["export", str(out / "cell.unwrap3d"), "-o", str(again), "--quiet", "--no-pictures"]
+    words += ["--format", "ply", "--format", "obj"]
     assert main(words) == 0
     assert capsys.readouterr().out == ""
     assert_complete(again, drawn=False)
     for name in ("meshes/surface.ply", "quality.csv", "quality.json", "parameters.toml"):
         assert (again / name).read_bytes() == (out / name).read_bytes()
+    assert (again / "meshes" / "surface.png").is_file()
 
 
 def test_a_mesh_is_scaled_to_micrometres(

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     )
     from .files.meshes import read_mesh
     from .files.stacks import read_stack
+    from .geometry.compare import compare_meshes
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
     from .sampling import sample_signal
@@ -59,6 +60,7 @@ _LAZY = {
     "Volume": "charts",
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
+    "compare_meshes": "geometry.compare",
     "Parameters": "parameters",
     "Pipeline": "pipeline",
     "unwrap": "pipeline",
@@ -83,6 +85,7 @@ __all__ = [
     "Unwrap3DError",
     "Volume",
     "__version__",
+    "compare_meshes",
     "load",
     "read_mesh",
     "read_stack",

@@ -1,4 +1,4 @@
-"""The command ``napari-unwrap3d``: run, info, demo and export.
+"""The command ``napari-unwrap3d``: run, info, compare, demo and export.
 
 No logic of its own: it reads, calls the pipeline, and writes with ``files.export``.
 Exit codes: 0 done, 1 an unexpected error, 2 a wrong input or parameter, 130 stopped by
@@ -10,6 +10,7 @@ from __future__ import annotations
 import argparse
 import importlib.util
 import io
+import json
 import os
 import re
 import signal
@@ -23,7 +24,13 @@ from typing import TYPE_CHECKING, Any
 
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
-from .options import add_output, add_parameters, add_reading, chosen_parameters
+from .options import (
+    add_comparing,
+    add_output,
+    add_parameters,
+    add_reading,
+    chosen_parameters,
+)
 from .parameters import Parameters
 from .progress import Progress
 from .provenance import package_version
@@ -49,7 +56,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # terminals that do not know µ or ✔
     arguments = build_parser().parse_args(argv)
-    console = Console(quiet=getattr(arguments, "quiet", False))
+    quiet = getattr(arguments, "quiet", False) or getattr(arguments, "json", False)
+    console = Console(quiet=quiet)
     errors = Console(stderr=True)
     try:
         code: int = arguments.command(arguments, console)
@@ -75,6 +83,7 @@ def build_parser() -> argparse.ArgumentParser:
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_run(commands)
     _add_info(commands)
+    _add_compare(commands)
     _add_demo(commands)
     _add_export(commands)
     return parser
@@ -116,6 +125,21 @@ def _add_info(commands: Any) -> None:
     info.add_argument("input", type=Path, nargs="?", help="stack, mesh or project")
     info.add_argument("--parameters", action="store_true", help="list every parameter")
     add_reading(info)
+
+
+def _add_compare(commands: Any) -> None:
+    compare = commands.add_parser(
+        "compare",
+        help="how different two surfaces are",
+        description="Measure how the first surface differs from the second: Chamfer, Hausdorff "
+        "and sliced Wasserstein distance, area and volume. Nothing is repaired.",
+    )
+    compare.set_defaults(command=compare_command)
+    for name, which in (("first", "compared"), ("second", "compared with")):
+        compare.add_argument(
+            name, type=Path, help=f"mesh or project whose surface is {which}", metavar=name.upper()
+        )
+    add_comparing(compare)
 
 
 def _add_demo(commands: Any) -> None:
@@ -187,6 +211,33 @@ def info_command(arguments: argparse.Namespace, console: Console) -> int:
     return 0
 
 
+def compare_command(arguments: argparse.Namespace, console: Console) -> int:
+    """``compare``: how different two surfaces are."""
+    from .console import StepProgress, comparison_pairs, print_pairs
+    from .geometry.compare import compare_meshes
+
+    first, second = (
+        read_surface(path, arguments.scale) for path in (arguments.first, arguments.second)
+    )
+    with StepProgress(console) as bars, interruptible(Progress(bars, "compare")) as progress:
+        found = compare_meshes(
+            first,
+            second,
+            projections=arguments.projections,
+            samples=arguments.samples,
+            seed=arguments.seed,
+            progress=progress,
+        )
+    if arguments.json:
+        print(json.dumps(found, indent=2))
+        return 0
+    title = f"{arguments.first.name} against {arguments.second.name}"
+    print_pairs(console, title, comparison_pairs(found))
+    for note in found["notes"]:
+        console.print(note, markup=False, highlight=False)
+    return 0
+
+
 def demo_command(arguments: argparse.Namespace, console: Console) -> int:
     """``demo``: simulate, unwrap, and write or show."""
     from .files.export import PROJECT_NAME, check_folder, remove_entries
@@ -221,9 +272,11 @@ def export_command(arguments: argparse.Namespace, console: Console) -> int:
     """``export``: the files of a saved project."""
     from .console import StepProgress, print_quality
     from .files.export import check_folder, export_atlas
+    from .files.formats import Formats
     from .files.project import load_project
     from .quality import quality_rows
 
+    formats = Formats.named(arguments.format)
     check_folder(arguments.output, arguments.overwrite)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         atlas = load_project(arguments.input, progress.named("reading"))
@@ -231,6 +284,7 @@ def export_command(arguments: argparse.Namespace, console: Console) -> int:
             atlas,
             arguments.output,
             pictures=not arguments.no_pictures,
+            formats=formats,
             overwrite=arguments.overwrite,
             progress=progress.named("files"),
         )
@@ -248,9 +302,11 @@ def _unwrap_and_export(
 ) -> Atlas:
     from .console import StepProgress, print_quality
     from .files.export import export_atlas
+    from .files.formats import Formats
     from .pipeline import Pipeline
     from .quality import quality_rows
 
+    formats = Formats.named(arguments.format)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         atlas = _named(Pipeline(source).run(parameters, progress), arguments)
         if signals is not None and arguments.signal:
@@ -260,6 +316,7 @@ def _unwrap_and_export(
             arguments.output,
             stack=source if isinstance(source, Stack) else None,
             pictures=not arguments.no_pictures,
+            formats=formats,
             overwrite=arguments.overwrite,
             progress=progress.named("files"),
         )
@@ -370,6 +427,16 @@ def read_input(arguments: argparse.Namespace) -> Stack | Surface:
             f"--scale is for meshes, and {path.name} is none.", hint="Give --voxel-size in µm."
         )
     return _read_stack(arguments)
+
+
+def read_surface(path: Path, scale: float | None) -> Surface:
+    """The mesh in a file as it is, or the surface of a project."""
+    from .files.meshes import read_mesh
+    from .files.project import SUFFIX, load_surface
+
+    if path.suffix != SUFFIX:
+        return read_mesh(path, scale=scale or 1.0, repaired=False)
+    return load_surface(path)
 
 
 def _read_stack(arguments: argparse.Namespace) -> Stack:

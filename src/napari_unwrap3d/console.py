@@ -214,6 +214,27 @@ def mesh_pairs(surface: Surface) -> dict[str, Any]:
     return pairs
 
 
+def comparison_pairs(found: Mapping[str, Any]) -> dict[str, Any]:
+    """How two meshes differ; `found` is that of ``compare_meshes``."""
+    floor = format_value(found["sliced_wasserstein_area_noise_floor_um"])
+    by_area = format_value(found["sliced_wasserstein_area_um"])
+    pairs: dict[str, Any] = {
+        "Chamfer distance (µm)": found["chamfer_um"],
+        "Hausdorff distance (µm)": found["hausdorff_um"],
+        "sliced Wasserstein, vertices (µm)": found["sliced_wasserstein_vertices_um"],
+        "sliced Wasserstein, by area (µm)": f"{by_area} (noise floor {floor})",
+    }
+    for name, sign, power in (("area", "A", 2), ("volume", "V", 3)):
+        unit = f"µm{'⁰¹²³'[power]}"
+        one, other = found[f"{name}_um{power}"].values()
+        pairs[f"{name} ({unit})"] = f"{format_value(one)} and {format_value(other)}"
+        ratio, difference = found[f"{name}_difference"], found[f"{name}_difference_um{power}"]
+        known = ratio is not None
+        text = f"{100 * ratio:+.4g} % ({difference:+.4g} {unit})" if known else format_value(None)
+        pairs[f"Δ{sign}"] = text
+    return pairs
+
+
 def project_pairs(summary: Mapping[str, Any]) -> dict[str, Any]:
     """Where a project comes from; `summary` is that of ``read_summary``."""
     provenance = summary["provenance"]

@@ -64,6 +64,14 @@ class FileFormatError(InputError):
     """A file is truncated, damaged, or of a kind that is not read."""
 
 
+class SchemaError(FileFormatError):
+    """A project is of a schema that this version does not read."""
+
+
+class UnsafeFileError(FileFormatError):
+    """A file names or declares what it must not: it is damaged, or made to do harm."""
+
+
 class NotFiniteError(InputError):
     """NaN or infinite values in the input."""
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ParameterError
+from .files.formats import NAMES
 from .parameters import PRESETS, Parameters
 
 
@@ -34,6 +35,19 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_comparing(parser: argparse.ArgumentParser) -> None:
+    """Options that say how two meshes are compared, and how the result is shown."""
+    parser.add_argument("--scale", type=float, help="µm per unit of mesh files (default: 1)")
+    parser.add_argument(
+        "--projections", type=int, default=50, help="directions of the sliced distances (50)"
+    )
+    parser.add_argument(
+        "--samples", type=int, default=20_000, help="points on each surface, by area (20000)"
+    )
+    parser.add_argument("--seed", type=int, default=0, help="seed of directions and points (0)")
+    parser.add_argument("--json", action="store_true", help="print JSON and nothing else")
+
+
 def add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
     """Options that say what is written and where."""
     parser.add_argument(
@@ -44,6 +58,14 @@ def add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
         required=default is None,
         metavar="FOLDER",
         help="where to write" + (f" (default: {default})" if default else ""),
+    )
+    parser.add_argument(
+        "--format",
+        action="append",
+        default=[],
+        choices=NAMES,
+        help="format of meshes, images or tables instead of ply, ome-tiff and csv; several can be "
+        "given (obj has a texture, parquet needs pyarrow)",
     )
     parser.add_argument("--overwrite", action="store_true", help="replace an earlier export")
     parser.add_argument("--no-pictures", action="store_true", help="write no PNG pictures")

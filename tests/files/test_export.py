@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import importlib.util
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -10,14 +11,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+import zarr
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Stack
-from napari_unwrap3d.errors import Cancelled, InputError
+from napari_unwrap3d.errors import Cancelled, InputError, ParameterError
 from napari_unwrap3d.files import export
 from napari_unwrap3d.files.export import FILES, FOLDERS, export_atlas, replacing_folder
+from napari_unwrap3d.files.formats import Formats
 from napari_unwrap3d.files.meshes import read_mesh
 from napari_unwrap3d.files.project import load_project
+from napari_unwrap3d.files.stacks import read_stack
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
@@ -173,3 +177,52 @@ def test_the_folder_one_stands_in_can_be_the_output(
     with replacing_folder(Path()) as partial:
         (partial / "a.txt").write_text("a")
     assert [path.name for path in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_other_formats_hold_the_same(atlas: Atlas, stack: Stack, tmp_path: Path) -> None:
+    formats = Formats.named(["obj", "vtp", "ome-zarr"])
+    export_atlas(atlas, tmp_path, stack=stack, pictures=False, formats=formats)
+    names = {path.name for path in (tmp_path / "meshes").iterdir()}
+    stems = {"surface", "sealed", "reference", "sphere", "sphere_conformal"}
+    stems |= {"topographic_surface", "topographic_surface_duv"}
+    textured = {f"{n}{s}" for n in ("surface", "reference", "sphere") for s in (".mtl", ".png")}
+    assert names == {f"{stem}{suffix}" for stem in stems for suffix in (".obj", ".vtp")} | textured
+    for suffix in (".obj", ".vtp"):
+        read = read_mesh(tmp_path / "meshes" / f"surface{suffix}")
+        np.testing.assert_allclose(
+            np.sort(read.vertices, axis=0), np.sort(atlas.surface.vertices, axis=0), atol=1e-5
+        )
+    assert not list(tmp_path.glob("*.tif"))
+    topography = read_stack(tmp_path / "topography.ome.zarr", voxel_size=(1, 1, 1))
+    assert topography.channels == ("mask", "membrane", "actin")
+    expected = 1000 + atlas.topography.positions @ np.array([10.0, 20.0, 30.0])
+    np.testing.assert_allclose(np.asarray(topography.volume(c=1)), expected, atol=1.01)
+    level = zarr.open_group(tmp_path / "topography.ome.zarr").attrs["ome"]["multiscales"][0]
+    scale, shift = level["datasets"][0]["coordinateTransformations"]
+    assert scale["scale"][1] == pytest.approx(atlas.topography.d_um[1] - atlas.topography.d_um[0])
+    assert shift["translation"][1] == pytest.approx(atlas.topography.d_um[0])
+    assert (tmp_path / "quality.csv").is_file()
+
+
+def test_another_export_replaces_all_formats_of_the_earlier_one(
+    atlas: Atlas, tmp_path: Path
+) -> None:
+    few = replace(atlas, topography=None)
+    first = Formats.named(["ome-zarr", "obj"])
+    export_atlas(few, tmp_path, pictures=False, formats=first)
+    assert (tmp_path / "uv.ome.zarr").is_dir()
+    export_atlas(few, tmp_path, pictures=False, overwrite=True)
+    assert not (tmp_path / "uv.ome.zarr").exists()
+    assert not list((tmp_path / "meshes").glob("*.obj"))
+
+
+def test_formats_are_chosen_by_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert Formats.named([]) == Formats()
+    assert Formats.named(["stl", "stl"]) == Formats(meshes=(".stl",))
+    both = Formats.named(["csv", "ome-tiff", "ome-zarr"])
+    assert both == Formats(images=(".ome.tif", ".ome.zarr"))
+    with pytest.raises(ParameterError, match=r"xlsx.*parquet"):
+        Formats.named(["xlsx"])
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputError, match="pyarrow"):
+        Formats.named(["parquet"])

@@ -185,6 +185,27 @@ def test_truncated_files_are_never_read_in_silence(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.parametrize(
+    ("suffix", "declared"),
+    [
+        (".ply", b"element vertex "),
+        (".ply", b"element face "),
+        (".vtp", b'NumberOfPoints="'),
+        (".vtp", b'NumberOfPolys="'),
+        (".off", b"OFF\n"),
+    ],
+)
+def test_a_file_that_declares_more_than_it_holds_is_refused(
+    tmp_path: Path, chiral: tuple[np.ndarray, np.ndarray], suffix: str, declared: bytes
+) -> None:
+    """Also where its reader would allocate first: VTK ends the process then."""
+    path = write_mesh(tmp_path / f"cell{suffix}", *chiral)
+    before, after = path.read_bytes().split(declared, 1)
+    path.write_bytes(before + declared + b"999999999" + after)
+    with pytest.raises(FileFormatError, match=path.name):
+        read_mesh(path)
+
+
 @pytest.mark.parametrize("suffix", MESH_SUFFIXES)
 def test_other_content_is_refused(tmp_path: Path, suffix: str) -> None:
     path = tmp_path / f"cell{suffix}"

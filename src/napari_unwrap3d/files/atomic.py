@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import math
 import os
@@ -14,23 +15,59 @@ from typing import Any
 
 import numpy as np
 
+# What file systems answer that cannot flush a file.
+CANNOT_FLUSH = (errno.EINVAL, errno.ENOTSUP, errno.ENOSYS)
+
 
 @contextmanager
 def replacing(path: str | Path) -> Iterator[Path]:
     """Give a temporary path beside `path`; it takes the place of `path` at the end.
 
-    When the block raises, also through Ctrl-C, the temporary file is removed and
-    what stood at `path` before is left as it was.
+    When the block raises, also through Ctrl-C or because the disk is full, what was written
+    is removed and what stood at `path` before is left as it was. What is written beside the
+    temporary path moves along, before it: the texture of a mesh, say. A folder is
+    replaced like a file.
     """
     path = Path(path)
     path.parent.mkdir(parents=True, exist_ok=True)
     folder = Path(tempfile.mkdtemp(prefix=f".{path.name}.", suffix=".partial", dir=path.parent))
     try:
         # The temporary file keeps its name: some writers choose the format by suffix.
-        yield folder / path.name
-        os.replace(folder / path.name, path)
+        partial = folder / path.name
+        yield partial
+        beside = sorted(entry for entry in folder.iterdir() if entry != partial)
+        for entry in (*beside, partial):
+            _flush(entry)
+        for entry in (*beside, partial):
+            _put(entry, path.parent / entry.name)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
+
+
+def _flush(path: Path) -> None:
+    """Have a file, or every file of a folder, on the disk: only then is it known to fit."""
+    for entry in path.rglob("*") if path.is_dir() else (path,):
+        if entry.is_file():
+            with entry.open("rb+") as file:
+                try:
+                    os.fsync(file.fileno())
+                except OSError as error:
+                    if error.errno not in CANNOT_FLUSH:
+                        raise
+
+
+def _put(entry: Path, target: Path) -> None:
+    """Move a file or folder to `target`, in place of what is there."""
+    if not entry.is_dir() or not target.is_dir() or target.is_symlink():
+        os.replace(entry, target)
+        return
+    before = entry.with_name(f"{entry.name}.before")  # no folder can be replaced in one step
+    os.replace(target, before)
+    try:
+        os.replace(entry, target)
+    except OSError:
+        os.replace(before, target)
+        raise
 
 
 def write_text(path: str | Path, text: str) -> Path:

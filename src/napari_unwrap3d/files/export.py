@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,15 +13,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import Stack, Volume
+from ..charts import Floats, Ints, Stack, Volume
 from ..errors import InputError
 from ..progress import Progress, silent
 from .atomic import write_json, write_text
-from .meshes import write_mesh
+from .formats import Formats
+from .meshes import FIELD_SUFFIXES, write_mesh
+from .ome_zarr import write_ome_zarr
 from .pictures import write_pictures
 from .project import save_project
 from .stacks import write_image
 from .tables import quality_rows, write_table
+from .texture import atlas_texture, write_textured_mesh
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
@@ -40,6 +43,13 @@ FILES = (
     "parameters.toml",
     "provenance.json",
 )
+OTHER_FILES = (
+    "uv.ome.zarr",
+    "topography.ome.zarr",
+    "topography_layers.parquet",
+    "quality.parquet",
+)
+ENTRIES = FOLDERS + FILES + OTHER_FILES
 
 
 def export_atlas(
@@ -48,6 +58,7 @@ def export_atlas(
     *,
     stack: Stack | None = None,
     pictures: bool = True,
+    formats: Formats | None = None,
     overwrite: bool = False,
     progress: Progress | None = None,
 ) -> list[Path]:
@@ -63,6 +74,9 @@ def export_atlas(
     stack : Stack, optional
         Its channels are sampled into (d, u, v), beside the mask.
     pictures : bool
+    formats : Formats, optional
+        By default PLY, OME-TIFF and CSV. In OBJ the surface, the reference and the sphere
+        have a texture.
     overwrite : bool
         Replace an earlier export. Other files in the folder are left alone.
     progress : Progress, optional
@@ -78,11 +92,12 @@ def export_atlas(
         The folder is not empty and `overwrite` is False.
     """
     report = progress if progress is not None else silent()
+    chosen = formats if formats is not None else Formats()
     check_folder(folder, overwrite)
-    with replacing_folder(folder, FOLDERS + FILES) as partial:
-        _write_tables(atlas, partial)
-        _write_meshes(atlas, partial / "meshes", report.part(0.0, 0.1))
-        _write_images(atlas, partial, stack, report.part(0.1, 0.5))
+    with replacing_folder(folder, ENTRIES) as partial:
+        _write_tables(atlas, partial, chosen)
+        _write_meshes(atlas, partial / "meshes", chosen, report.part(0.0, 0.1))
+        _write_images(atlas, partial, stack, chosen, report.part(0.1, 0.5))
         save_project(atlas, partial / PROJECT_NAME, report.part(0.5, 0.75))
         if pictures:
             write_pictures(atlas, partial / "pictures", report.part(0.75, 1.0))
@@ -137,7 +152,7 @@ def replacing_folder(folder: str | Path, names: tuple[str, ...] = ()) -> Iterato
             folder.rmdir()
 
 
-def remove_entries(folder: Path, names: Iterable[str] = FOLDERS + FILES) -> None:
+def remove_entries(folder: Path, names: Iterable[str] = ENTRIES) -> None:
     """Remove files and folders in `folder`, by default those of an earlier export."""
     for path in (folder / name for name in names):
         if path.is_dir() and not path.is_symlink():
@@ -149,64 +164,83 @@ def remove_entries(folder: Path, names: Iterable[str] = FOLDERS + FILES) -> None
 # Parts -----------------------------------------------------------------------
 
 
-def _write_tables(atlas: Atlas, folder: Path) -> None:
-    write_table(folder / "quality.csv", quality_rows(atlas))
+def _write_tables(atlas: Atlas, folder: Path, formats: Formats) -> None:
+    for suffix in formats.tables:
+        write_table(folder / f"quality{suffix}", quality_rows(atlas))
     write_json(folder / "quality.json", atlas.quality)
     write_json(folder / "provenance.json", atlas.provenance)
     write_text(folder / "parameters.toml", atlas.parameters.to_toml())
 
 
-def _write_meshes(atlas: Atlas, folder: Path, report: Progress) -> None:
+def _write_meshes(atlas: Atlas, folder: Path, formats: Formats, report: Progress) -> None:
     folder.mkdir()
-    for name in ("surface", "sealed", "reference", "sphere"):
-        report.check()
-        if atlas.has(name):
-            chart = getattr(atlas, name)
-            fields = atlas.reference.fields if name == "sphere" else chart.fields
-            write_mesh(folder / f"{name}.ply", chart.vertices, chart.faces, fields)
-    if atlas.has("sphere"):
-        sphere = atlas.sphere
-        write_mesh(
-            folder / "sphere_conformal.ply", sphere.conformal, sphere.faces, atlas.reference.fields
-        )
-    if atlas.has("topography"):
-        chart = atlas.topography
-        write_mesh(folder / "topographic_surface.ply", chart.meshed_vertices, chart.meshed_faces)
-        fields = {name: field[chart.cut_origin] for name, field in atlas.surface.fields.items()}
-        fields["surface_vertex"] = chart.cut_origin
-        write_mesh(
-            folder / "topographic_surface_duv.ply",
-            chart.cut_vertices,
-            chart.cut_faces,
-            fields,
-        )
+    for name, vertices, faces, fields in _meshes(atlas):
+        for suffix in formats.meshes:
+            report.check()
+            path = folder / f"{name}{suffix}"
+            texture = atlas_texture(atlas, name) if suffix == ".obj" else None
+            if texture is not None:
+                write_textured_mesh(path, vertices, faces, *texture)
+            else:
+                write_mesh(path, vertices, faces, fields if suffix in FIELD_SUFFIXES else None)
     report(1.0, "meshes")
 
 
-def _write_images(atlas: Atlas, folder: Path, stack: Stack | None, report: Progress) -> None:
+def _meshes(atlas: Atlas) -> Iterator[tuple[str, Floats, Ints, Mapping[str, Any]]]:
+    """Name, vertices, faces and fields of every mesh of an atlas."""
+    for name in ("surface", "sealed", "reference", "sphere"):
+        if atlas.has(name):
+            chart = getattr(atlas, name)
+            fields = atlas.reference.fields if name == "sphere" else chart.fields
+            yield name, chart.vertices, chart.faces, fields
+    if atlas.has("sphere"):
+        sphere = atlas.sphere
+        yield "sphere_conformal", sphere.conformal, sphere.faces, atlas.reference.fields
+    if atlas.has("topography"):
+        flat = atlas.topography
+        yield "topographic_surface", flat.meshed_vertices, flat.meshed_faces, {}
+        fields = {name: field[flat.cut_origin] for name, field in atlas.surface.fields.items()}
+        fields["surface_vertex"] = flat.cut_origin
+        yield "topographic_surface_duv", flat.cut_vertices, flat.cut_faces, fields
+
+
+def _write_images(
+    atlas: Atlas, folder: Path, stack: Stack | None, formats: Formats, report: Progress
+) -> None:
     if atlas.has("uv"):
         fields = atlas.uv.fields
-        write_image(
-            folder / "uv.ome.tif",
-            np.stack([np.asarray(field, dtype=np.float32) for field in fields.values()]),
-            axes="cyx",
-            channels=tuple(fields),
-        )
+        image = np.stack([np.asarray(field, dtype=np.float32) for field in fields.values()])
+        for suffix in formats.images:
+            _write_image(folder / f"uv{suffix}", image, "cyx", tuple(fields))
     report(0.1, "uv image")
     if atlas.has("topography"):
-        chart = atlas.topography
+        d_um = atlas.topography.d_um
         names, volumes = topography_channels(atlas, stack, report.part(0.1, 0.8))
-        step = float(chart.d_um[1] - chart.d_um[0]) if len(chart.d_um) > 1 else 1.0
-        write_image(
-            folder / "topography.ome.tif",
-            volumes,
-            axes="czyx",
-            sizes={"z": step},
-            channels=names,
-        )
-        layers = ({"layer": i, "d_um": float(d)} for i, d in enumerate(chart.d_um))
-        write_table(folder / "topography_layers.csv", list(layers))
+        for suffix in formats.images:
+            _write_image(folder / f"topography{suffix}", volumes, "czyx", names, d_um)
+        layers = [{"layer": i, "d_um": float(d)} for i, d in enumerate(d_um)]
+        for suffix in formats.tables:
+            write_table(folder / f"topography_layers{suffix}", layers)
     report(1.0, "topography image")
+
+
+def _write_image(
+    path: Path,
+    image: npt.NDArray[Any],
+    axes: str,
+    channels: tuple[str, ...],
+    d_um: Floats | None = None,
+) -> None:
+    """Write an image over (v, u), with d as z where it has layers; pixels have no size in µm."""
+    sizes: dict[str, float] = {}
+    origin: dict[str, float] = {}
+    if d_um is not None:
+        sizes["z"] = float(d_um[1] - d_um[0]) if len(d_um) > 1 else 1.0
+        origin["z"] = float(d_um[0])
+    if path.suffix == ".zarr":
+        write_ome_zarr(path, image, axes, sizes=sizes, origin=origin, channels=channels)
+    else:
+        write_image(path, image, axes, sizes=sizes, channels=channels)
 
 
 def topography_channels(

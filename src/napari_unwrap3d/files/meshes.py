@@ -31,6 +31,9 @@ MESH_SUFFIXES = (".ply", ".obj", ".stl", ".vtp", ".off")
 FIELD_SUFFIXES = (".ply", ".vtp")
 GEOMETRY_NAMES = {"x", "y", "z", "nx", "ny", "nz"}
 
+# Compression can shrink equal numbers of 4 bytes a thousand times.
+LARGEST_COUNT_PER_BYTE = 250
+
 # What trimesh raises on files that are cut off or not what their name says.
 PARSING_ERRORS = (
     ValueError,
@@ -211,6 +214,7 @@ def _load_vtp(path: Path) -> tuple[Floats, Ints, Fields]:
     from vtkmodules.vtkFiltersCore import vtkTriangleFilter
     from vtkmodules.vtkIOXML import vtkXMLPolyDataReader
 
+    _check_vtp_counts(path)
     # VTK does not raise: it prints its errors, here into a string and not to the terminal.
     window, printed = vtkOutputWindow.GetInstance(), vtkStringOutputWindow()
     verbosity = vtkLogger.GetCurrentVerbosityCutoff()
@@ -242,6 +246,14 @@ def _load_vtp(path: Path) -> tuple[Floats, Ints, Fields]:
         if array is not None and array is not data.GetNormals()
     }
     return vertices, faces, fields
+
+
+def _check_vtp_counts(path: Path) -> None:
+    """Raise where a count is beyond what the file can hold: VTK would end the process."""
+    header = path.read_bytes().split(b"<AppendedData", 1)[0]
+    largest = max(map(int, re.findall(rb'NumberOf[A-Za-z]+="(\d+)"', header)), default=0)
+    if largest > LARGEST_COUNT_PER_BYTE * path.stat().st_size:
+        raise _damaged(path, f"it declares {largest} points or faces")
 
 
 # Writing: points (x, y, z) and faces wound for them ---------------------------

@@ -1,13 +1,20 @@
-"""OME-Zarr stacks (v0.1 to v0.5), read lazily."""
+"""OME-Zarr images: v0.1 to v0.5 read lazily, v0.5 written."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import FileFormatError
+import numpy as np
+
+from ..errors import FileFormatError, InputError
+from .atomic import replacing
 from .metadata import Found, micrometres, seconds
-from .tiff import damaged
+from .tiff import STORED, check_axes, damaged
+
+TYPES = {"t": "time", "c": "channel", "z": "space", "y": "space", "x": "space"}
+CHUNK_BYTES = 32 * 2**20
 
 READING_ERRORS = (OSError, KeyError, ValueError, TypeError, RuntimeError)
 
@@ -98,4 +105,107 @@ def _described(data: Any, image: Any, level: Any, omero: Any) -> Found:
         time_step=seconds(*by_name["t"]) if given and "t" in by_name else None,
         channels=labels if any(labels) else (),
         remark="OME-Zarr's " + (", ".join(said) if given else "axes without a scale"),
+    )
+
+
+# Writing ---------------------------------------------------------------------
+
+
+def write_ome_zarr(
+    path: str | Path,
+    data: Any,
+    axes: str = "zyx",
+    *,
+    sizes: Mapping[str, float] | None = None,
+    origin: Mapping[str, float] | None = None,
+    time_step: float | None = None,
+    channels: Sequence[str] = (),
+) -> Path:
+    """Write an OME-Zarr image (v0.5, one level); the folder appears at once when complete.
+
+    Parameters
+    ----------
+    path : path
+        Best ends in ``.ome.zarr``. An image that is there is replaced.
+    data : array-like
+        Booleans are stored as uint8, float64 as float32.
+    axes : str
+        Letters out of ``tczyx`` in this order, as in
+        :func:`~napari_unwrap3d.files.tiff.write_image`.
+    sizes, origin : mapping of str to float, optional
+        Step along, and position of the first sample on, ``z``, ``y``, ``x`` in µm; leave out
+        those without a physical size.
+    time_step : float, optional
+        Seconds.
+    channels : sequence of str
+        Names along the c axis.
+
+    Raises
+    ------
+    AxesError
+        Axes, channels and data do not fit together.
+    InputError
+        The data are not real numbers.
+    """
+    import zarr
+
+    path, array = Path(path), np.asarray(data)
+    check_axes(array, axes, channels)
+    if array.dtype.kind not in "biuf":
+        raise InputError("An image holds real numbers.", dtype=str(array.dtype))
+    array = array.astype(STORED.get(array.dtype.name, array.dtype), copy=False)
+    described = _description(path.name, axes, sizes or {}, origin or {}, time_step)
+    if channels:
+        described["omero"] = {"channels": _channels(array, axes.index("c"), channels)}
+    with replacing(path) as partial:
+        group = zarr.create_group(partial, zarr_format=3, attributes={"ome": described})
+        group.create_array("0", data=array, chunks=_chunks(array, axes), dimension_names=[*axes])
+    return path
+
+
+def _description(
+    name: str,
+    axes: str,
+    sizes: Mapping[str, float],
+    origin: Mapping[str, float],
+    time_step: float | None,
+) -> dict[str, Any]:
+    steps = {**sizes, **({"t": time_step} if time_step is not None else {})}
+    units = {axis: "second" if axis == "t" else "micrometer" for axis in steps}
+    known = [
+        {"name": axis, "type": TYPES[axis], **({"unit": units[axis]} if axis in units else {})}
+        for axis in axes
+    ]
+    placed: list[dict[str, Any]] = [
+        {"type": "scale", "scale": [float(steps.get(axis, 1.0)) for axis in axes]}
+    ]
+    if origin:
+        shift = [float(origin.get(axis, 0.0)) for axis in axes]
+        placed.append({"type": "translation", "translation": shift})
+    level = {"path": "0", "coordinateTransformations": placed}
+    return {
+        "version": "0.5",
+        "multiscales": [{"name": name.split(".")[0], "axes": known, "datasets": [level]}],
+    }
+
+
+def _channels(array: Any, axis: int, names: Sequence[str]) -> list[dict[str, Any]]:
+    """Name, colour and range of each channel, all of which viewers ask for."""
+    found = []
+    for index, name in enumerate(names):
+        values = array.take(index, axis)
+        finite = values[np.isfinite(values)]
+        low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
+        window = {"min": low, "max": high, "start": low, "end": high}
+        found.append({"label": name, "color": "FFFFFF", "active": True, "window": window})
+    return found
+
+
+def _chunks(array: Any, axes: str) -> tuple[int, ...]:
+    """Whole planes of one timepoint and channel, as many as make about 32 MiB."""
+    plane = max(int(np.prod(array.shape[-2:])) * array.itemsize, 1)
+    depth = max(CHUNK_BYTES // plane, 1)
+    length = {"t": 1, "c": 1, "z": depth}
+    return tuple(
+        max(min(n, length.get(axis, n)), 1) for axis, n in zip(axes, array.shape, strict=True)
     )

@@ -18,8 +18,10 @@ is exact, and three times smaller than compressing them as they are.
 
 from __future__ import annotations
 
+import struct
 import zipfile
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -28,10 +30,12 @@ import numpy as np
 import numpy.typing as npt
 
 from .. import charts
-from ..errors import FileFormatError, InputError, Unwrap3DError
+from ..errors import FileFormatError, InputError, SchemaError, Unwrap3DError
 from ..parameters import Parameters
 from ..progress import Progress, silent
+from .archive import NODE, check_entries, check_layout, read_node
 from .atomic import from_plain, plain, replacing
+from .consistency import check_charts
 
 if TYPE_CHECKING:
     import zarr
@@ -40,13 +44,33 @@ if TYPE_CHECKING:
 
 FORMAT = "napari-unwrap3d project"
 SCHEMA_VERSION = 1
+OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
 
 CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "direct", "mask")
 CHUNK_BYTES = 48 * 2**20
 SMOOTH_GRIDS = ("nodes", "positions")
 
-_DAMAGED = (zipfile.BadZipFile, OSError, EOFError, ValueError, KeyError, RuntimeError, TypeError)
+# The classes that a group can be of, by name: no other name of a file is looked up.
+TYPES = {
+    name: kind
+    for name, kind in vars(charts).items()
+    if isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == charts.__name__
+}
+
+# What zipfile, zarr, numpy and the charts raise on files that hold something else.
+_DAMAGED = (
+    zipfile.BadZipFile,
+    struct.error,
+    OSError,
+    EOFError,
+    LookupError,
+    ValueError,
+    TypeError,
+    AttributeError,
+    ArithmeticError,
+    RuntimeError,
+)
 
 
 # Saving ----------------------------------------------------------------------
@@ -231,7 +255,7 @@ def _integrate(bits: npt.NDArray[Any], dtype: np.dtype[Any], axes: list[int]) ->
 
 
 def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
-    """Open a saved atlas.
+    """Open a saved atlas. The file need not be trusted: see :mod:`.archive`.
 
     Parameters
     ----------
@@ -246,29 +270,48 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     Raises
     ------
     FileFormatError
-        The file is truncated, damaged, no project, or of a newer version.
+        The file is truncated, damaged or no project.
+    SchemaError
+        It is of a newer version, or of one too old.
+    UnsafeFileError
+        It names or declares what it must not.
     InputError
         There is no such file.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"There is no file {path.name!r}.", hint=f"Looked for {path}.")
-    if not zipfile.is_zipfile(path):
-        raise FileFormatError(
-            f"{path.name!r} is no project of napari-unwrap3d, or its end is missing.",
-            bytes=path.stat().st_size,
-            hint="Copy the file again if it came over a network, or make it anew with "
-            "`napari-unwrap3d run`.",
+    from ..atlas import Atlas
+
+    report = progress if progress is not None else silent()
+    with _opened(Path(path)) as root:
+        summary = _root(root)
+        present = [name for name in CHARTS if name in root]
+        loaded: dict[str, Any] = dict.fromkeys(CHARTS)
+        for index, name in enumerate(present):
+            report(index / len(present), f"reading {name}")
+            loaded[name] = _read_group(root[name], report)
+        check_charts(loaded)
+        return Atlas(
+            **loaded,
+            parameters=Parameters.from_toml(str(summary["parameters"])),
+            quality=summary["quality"],
+            provenance=summary["provenance"],
         )
-    try:
-        return _load(path, progress if progress is not None else silent())
-    except Unwrap3DError:
-        raise
-    except _DAMAGED as error:
-        raise FileFormatError(
-            f"{path.name!r} is damaged ({type(error).__name__}: {error}).",
-            hint="Copy the file again, or make it anew with `napari-unwrap3d run`.",
-        ) from error
+
+
+def load_surface(path: str | Path) -> charts.Surface:
+    """The surface of a saved atlas, without its other charts.
+
+    Raises
+    ------
+    InputError
+        There is no such file, or the project has no surface.
+    FileFormatError
+        As in :func:`load_project`.
+    """
+    with _opened(Path(path)) as root:
+        surface = _read_group(root["surface"], silent()) if "surface" in root else None
+    if not isinstance(surface, charts.Surface):
+        raise InputError(f"The project {Path(path).name!r} has no surface.")
+    return surface
 
 
 def read_summary(path: str | Path) -> dict[str, Any]:
@@ -285,72 +328,75 @@ def read_summary(path: str | Path) -> dict[str, Any]:
     FileFormatError, InputError
         As in :func:`load_project`.
     """
-    path = Path(path)
-    if not path.is_file():
-        raise InputError(f"There is no file {path.name!r}.", hint=f"Looked for {path}.")
-    if not zipfile.is_zipfile(path):
-        raise FileFormatError(f"{path.name!r} is no project of napari-unwrap3d, or truncated.")
+    with _opened(Path(path)) as root:
+        return {**_root(root), "charts": [name for name in CHARTS if name in root]}
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[zarr.Group]:
+    """The root of a project that is safe to read; errors in the block are those of damage."""
+    import zarr
     from zarr.storage import ZipStore
 
+    if not path.is_file():
+        raise InputError(f"There is no file {path.name!r}.", hint=f"Looked for {path}.")
     try:
+        if not zipfile.is_zipfile(path):
+            raise FileFormatError(
+                f"{path.name!r} is no project of napari-unwrap3d, or its end is missing.",
+                bytes=path.stat().st_size,
+                hint="Copy the file again if it came over a network, or make it anew with "
+                "`napari-unwrap3d run`.",
+            )
+        _check(path)
         with ZipStore(path, mode="r") as store:
-            root = _open_root(store, path)
-            summary = _root(root)
-            return {**summary, "charts": [name for name in CHARTS if name in root]}
+            yield zarr.open_group(store, mode="r", zarr_format=3, use_consolidated=False)
     except Unwrap3DError:
         raise
     except _DAMAGED as error:
-        raise FileFormatError(f"{path.name!r} is damaged ({error}).") from error
+        raise FileFormatError(
+            f"{path.name!r} is damaged ({type(error).__name__}: {error}).",
+            hint="Copy the file again, or make it anew with `napari-unwrap3d run`.",
+        ) from error
 
 
-def _load(path: Path, report: Progress) -> Atlas:
-    from zarr.storage import ZipStore
-
-    from ..atlas import Atlas
-
+def _check(path: Path) -> None:
+    """Raise unless the file is a project of a known schema that holds what it declares."""
+    size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
-        entries = frozenset(archive.namelist())
-    with ZipStore(path, mode="r") as store:
-        root = _open_root(store, path)
-        summary = _root(root)
-        present = [name for name in CHARTS if name in root]
-        loaded: dict[str, Any] = dict.fromkeys(CHARTS)
-        for index, name in enumerate(present):
-            report(index / len(present), f"reading {name}")
-            loaded[name] = _read_group(root[name], entries, report)
-    return Atlas(
-        **loaded,
-        parameters=Parameters.from_toml(str(summary["parameters"])),
-        quality=summary["quality"],
-        provenance=summary["provenance"],
-    )
+        check_entries(archive, size)
+        if NODE not in archive.namelist():
+            raise FileFormatError(
+                f"{path.name!r} is a zip file, but no project of napari-unwrap3d.",
+                hint="Projects are written by `napari-unwrap3d run` or atlas.save(...).",
+            )
+        attributes = read_node(archive, NODE).get("attributes", {})
+        if attributes.get("format") != FORMAT:
+            raise FileFormatError(
+                f"{path.name!r} is a Zarr file, but no project of napari-unwrap3d.",
+                hint="Stacks in Zarr format are read by read_stack(...).",
+            )
+        _check_schema(path.name, attributes.get("schema_version"))
+        check_layout(archive, size)
 
 
-def _open_root(store: Any, path: Path) -> zarr.Group:
-    import zarr
-
-    try:
-        root = zarr.open_group(store, mode="r")
-    except (FileNotFoundError, KeyError, ValueError):
-        raise FileFormatError(
-            f"{path.name!r} is a zip file, but no project of napari-unwrap3d.",
-            hint="Projects are written by `napari-unwrap3d run` or atlas.save(...).",
-        ) from None
-    attributes = root.attrs
-    if attributes.get("format") != FORMAT:
-        raise FileFormatError(
-            f"{path.name!r} is a Zarr file, but no project of napari-unwrap3d.",
-            hint="Stacks in Zarr format are read by read_stack(...).",
-        )
-    version = attributes.get("schema_version")
-    if not isinstance(version, int) or version > SCHEMA_VERSION:
-        raise FileFormatError(
-            f"{path.name!r} was written by a newer version of napari-unwrap3d.",
+def _check_schema(name: str, version: Any) -> None:
+    if type(version) is not int:
+        raise FileFormatError(f"{name!r} does not say of which schema it is.", found=version)
+    if version > SCHEMA_VERSION:
+        raise SchemaError(
+            f"{name!r} was written by a newer version of napari-unwrap3d.",
             file_schema=version,
             known_schema=SCHEMA_VERSION,
             hint="Update with `pip install --upgrade napari-unwrap3d`.",
         )
-    return root
+    if version < OLDEST_SCHEMA:
+        raise SchemaError(
+            f"{name!r} was written by a version of napari-unwrap3d that is no longer read.",
+            file_schema=version,
+            oldest_schema=OLDEST_SCHEMA,
+            hint="Make it anew with `napari-unwrap3d run`.",
+        )
 
 
 def _root(root: zarr.Group) -> dict[str, Any]:
@@ -358,26 +404,26 @@ def _root(root: zarr.Group) -> dict[str, Any]:
     return {
         "schema_version": attributes["schema_version"],
         "parameters": attributes["parameters"],
-        "quality": from_plain(attributes["quality"]),
-        "provenance": from_plain(attributes["provenance"]),
+        "quality": dict(from_plain(attributes["quality"])),
+        "provenance": dict(from_plain(attributes["provenance"])),
     }
 
 
-def _read_group(group: Any, entries: frozenset[str], report: Progress) -> Any:
+def _read_group(group: Any, report: Progress) -> Any:
     attributes = group.attrs.asdict()
-    kind = str(attributes["type"])
+    kind = attributes["type"]
     if kind == "mapping":
-        arrays = (group[str(index)] for index in range(len(attributes["names"])))
         names = attributes["names"]
-        return {
-            n: _read_array(array, entries, report) for n, array in zip(names, arrays, strict=True)
-        }
-    cls = getattr(charts, kind)
+        if str(len(names)) in group or len(set(names)) < len(names):
+            raise FileFormatError(f"The names of {group.path!r} are not those of its arrays.")
+        arrays = (group[str(index)] for index in range(len(names)))
+        return {name: _read_array(array, report) for name, array in zip(names, arrays, strict=True)}
+    cls = TYPES[kind]
     values = {key: _restored(value) for key, value in attributes["values"].items()}
     for key in (item.name for item in fields(cls) if item.name in group):
         item = group[key]
         read = _read_array if hasattr(item, "shape") else _read_group
-        values[key] = read(item, entries, report)
+        values[key] = read(item, report)
     return cls(**values)
 
 
@@ -387,8 +433,7 @@ def _restored(value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _read_array(array: Any, entries: frozenset[str], report: Progress) -> npt.NDArray[Any]:
-    _check_chunks(array, entries)
+def _read_array(array: Any, report: Progress) -> npt.NDArray[Any]:
     axes = list(array.attrs["differences"])
     dtype = np.dtype(str(array.attrs["dtype"]))
     values: npt.NDArray[Any] = np.empty(array.shape, dtype)
@@ -397,23 +442,3 @@ def _read_array(array: Any, entries: frozenset[str], report: Progress) -> npt.ND
         part = np.ascontiguousarray(array[block])
         values[block] = _integrate(part, dtype, axes) if axes else part
     return values
-
-
-def _check_chunks(array: Any, entries: frozenset[str]) -> None:
-    """Zarr takes a chunk that is not there for zeros; here it is damage."""
-    if 0 in array.shape:
-        return
-    # Chunks span every axis but the first.
-    count = -(-array.shape[0] // array.chunks[0]) if array.ndim else 1
-    rest = "/0" * (array.ndim - 1)
-    keys = (
-        [f"{array.path}/c/{i}{rest}" for i in range(count)] if array.ndim else [f"{array.path}/c"]
-    )
-    missing = [key for key in keys if key not in entries]
-    if missing:
-        raise FileFormatError(
-            f"Parts of the array {array.path!r} are missing.",
-            chunks=len(keys),
-            missing=len(missing),
-            hint="The file is damaged: copy it again.",
-        )

@@ -366,7 +366,7 @@ def write_image(
     """
     path = Path(path)
     array = np.asarray(data)
-    _check_axes(array, axes, channels)
+    check_axes(array, axes, channels)
     if array.dtype.kind not in "biuf":
         raise InputError("An image holds real numbers.", dtype=str(array.dtype))
     if array.dtype.name in STORED:
@@ -395,7 +395,8 @@ def write_image(
     return path
 
 
-def _check_axes(array: npt.NDArray[Any], axes: str, channels: Sequence[str]) -> None:
+def check_axes(array: npt.NDArray[Any], axes: str, channels: Sequence[str]) -> None:
+    """Raise unless axes and channels describe the data of an image to be written."""
     if axes != "".join(a for a in AXES if a in axes) or not axes.endswith("yx"):
         raise AxesError(f"Axes are letters of {AXES!r} in this order, not {axes!r}.")
     if array.ndim != len(axes):
