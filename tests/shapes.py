@@ -8,7 +8,9 @@ from scipy import ndimage
 
 from napari_unwrap3d.charts import Floats, Ints, Mask
 from napari_unwrap3d.geometry.mesh import orient_outward, signed_volume
+from napari_unwrap3d.geometry.remesh import relax, simplify
 from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.progress import silent
 
 VOXEL_UM = 0.1
 # Enough for a small cell, quickly there, and its reference has none of the bumps.
@@ -102,6 +104,13 @@ def lumpy(subdivisions: int = 4, seed: int = 0, size: float = 0.25) -> tuple[Flo
     vertices = directions * radius[:, None] * np.array([1.0, 1.15, 1.3])
     assert signed_volume(vertices, faces) > 0
     return vertices, faces
+
+
+def elongated(vertices: int = 2500, seed: int = 0, length: float = 2.0) -> tuple[Floats, Ints]:
+    """A lumpy body several times as long as wide, of near-equilateral triangles."""
+    points, faces = lumpy(5, seed, size=0.8)
+    fewer, triangles = simplify(points * [1.0, 1.0, length], faces, vertices)
+    return relax(fewer, triangles, silent())
 
 
 def rotation(seed: int) -> Floats:
