@@ -294,12 +294,31 @@ class Sphere(TriangleMesh):
     blend : float
         0 = conformal, 1 = equiareal.
     error_history : ndarray
-        Mean |log λ| after every iteration of the equiareal flow.
+        Mean |log λ| against the blended target after every iteration.
+    method : str
+        "poisson" or "advection".
+    iteration : int or None
+        Of the advection, the iteration that was taken.
+    target : str
+        "reference" or "uniform": which areas an equiareal sphere has.
+    criterion, criterion_value : str, float
+        What chose the blend or the iteration, and its value there.
+    criterion_history : ndarray, (k, 2)
+        The blends or iterations that were tried, and their values (infinite with flips).
+    flip_history : ndarray
+        Flipped faces in every iteration of the advection.
     """
 
     conformal: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     blend: float = 1.0
     error_history: Floats = field(default_factory=lambda: np.zeros(0))
+    method: str = "poisson"
+    iteration: int | None = None
+    target: str = "reference"
+    criterion: str = "equiareal"
+    criterion_value: float = float("nan")
+    criterion_history: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    flip_history: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False)
