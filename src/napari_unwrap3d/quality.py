@@ -81,6 +81,9 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ("surface", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
     ("surface", "nonmanifold_edges"): Limit("non-manifold edges", 0, 0, _OPEN),
     ("surface", "degenerate_faces"): Limit("degenerate faces", 0, 100, "they have no normal"),
+    ("surface", "self_intersecting_voxels"): Limit(
+        "voxels enclosed twice or inside out", 0, 1e9, "the mesh intersects itself there"
+    ),
     ("sealed", "genus"): Limit("handles", 0, 0, "it must be a topological sphere"),
     ("sealed", "components"): Limit("parts", 1, 1, "a cell is one piece"),
     ("sealed", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
