@@ -23,7 +23,7 @@ from napari_unwrap3d.files.meshes import MESH_SUFFIXES, write_mesh
 from napari_unwrap3d.files.stacks import write_image
 from napari_unwrap3d.geometry.mesh import edges_with_faces
 from napari_unwrap3d.parameters import Parameters
-from shapes import QUICK, VOXEL_UM, ball, grid, icosphere, sponge, torus
+from shapes import QUICK, VOXEL_UM, ball, grid, icosphere
 
 VOXEL = (VOXEL_UM,) * 3
 SIDE = 33
@@ -502,54 +502,6 @@ def test_many_things_wrong_at_once_still_give_every_chart() -> None:
     assert quality["sphere"]["flipped_faces"] == 0
     assert quality["topography"]["folded_cells"] == 0
     assert quality["topography"]["unmapped_fraction"] == 0
-
-
-# Genus -------------------------------------------------------------------------------
-
-
-def plate(holes: int) -> np.ndarray:
-    """A plate with round holes in rows."""
-    rows = max(1, int(np.sqrt(holes)))
-    columns = -(-holes // rows)
-    solid = np.zeros((16, 8 + 10 * rows, 8 + 10 * columns), bool)
-    solid[4:12, 3:-3, 3:-3] = True
-    y, x = np.indices(solid.shape[1:])
-    for hole in range(holes):
-        row, column = divmod(hole, columns)
-        solid[:, np.hypot(y - 8.5 - 10 * row, x - 8.5 - 10 * column) < 3] = False
-    return solid
-
-
-SOLIDS = {
-    "ring": (torus(10, 4, (13, 33, 33)), 1),
-    **{f"plate with {holes} holes": (plate(holes), holes) for holes in (2, 7, 50)},
-    "sponge": (sponge(1, 24), 23),
-}
-
-
-@pytest.mark.parametrize("name", SOLIDS)
-def test_any_genus_gives_spheres(name: str) -> None:
-    solid, genus = SOLIDS[name]
-    atlas = unwrapped(unwrap3d.Mask(solid, VOXEL), "sphere")
-    quality = atlas.quality
-    assert quality["surface"]["genus"] == genus
-    for chart in ("sealed", "reference"):
-        assert quality[chart]["genus"] == 0, chart
-        assert (quality[chart]["components"], quality[chart]["boundary_edges"]) == (1, 0), chart
-    assert len(atlas.sealed.sealed) > 0
-    assert any("sealed parts" in said for said in atlas.provenance["repairs"])
-    assert quality["sphere"]["flipped_faces"] == 0 == quality["sphere"]["conformal_flipped_faces"]
-
-
-def test_a_mesh_of_any_genus_is_kept_and_sealed_beside() -> None:
-    from napari_unwrap3d.geometry.marching import clamped_marching_cubes
-
-    vertices, faces = clamped_marching_cubes(plate(7).astype(np.float32) - np.float32(0.5))
-    atlas = unwrapped(unwrap3d.Surface(VOXEL_UM * vertices, faces), "reference")
-    np.testing.assert_array_equal(atlas.surface.faces, faces)
-    quality = atlas.quality
-    assert (quality["surface"]["genus"], quality["sealed"]["genus"]) == (7, 0)
-    assert quality["reference"]["genus"] == 0
 
 
 # Projects ----------------------------------------------------------------------------
