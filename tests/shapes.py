@@ -8,7 +8,9 @@ from scipy import ndimage
 
 from napari_unwrap3d.charts import Floats, Ints, Mask
 from napari_unwrap3d.geometry.mesh import orient_outward, signed_volume
+from napari_unwrap3d.geometry.remesh import relax, simplify
 from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.progress import silent
 
 VOXEL_UM = 0.1
 # Enough for a small cell, quickly there, and its reference has none of the bumps.
@@ -111,6 +113,13 @@ def bumpy() -> tuple[Floats, Ints]:
     for axis in np.random.default_rng(1).normal(size=(6, 3)):
         radius += 0.4 * np.exp(40 * (directions @ (axis / np.linalg.norm(axis)) - 1))
     return directions * radius[:, None] * [1, 1.1, 1.2], faces
+
+
+def elongated(vertices: int = 2500, seed: int = 0, length: float = 2.0) -> tuple[Floats, Ints]:
+    """A lumpy body several times as long as wide, of near-equilateral triangles."""
+    points, faces = lumpy(5, seed, size=0.8)
+    fewer, triangles = simplify(points * [1.0, 1.0, length], faces, vertices)
+    return relax(fewer, triangles, silent())
 
 
 def rotation(seed: int) -> Floats:

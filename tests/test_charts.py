@@ -29,6 +29,11 @@ ANISOTROPIC = (0.3, 0.104, 0.104)
         ((0.1, -1, 0.1), InputError),
         ((0.1, np.nan, 0.1), InputError),
         ((0.1, np.inf, 0.1), InputError),
+        ("0.1 µm", InputError),
+        (("a", 1, 1), InputError),
+        ((1e-7,) * 3, InputError),  # metres
+        ((1e7,) * 3, InputError),
+        ((300, 0.1, 0.1), InputError),  # nm along z
     ],
 )
 def test_voxel_sizes_are_never_guessed(given: object, error: type[Unwrap3DError]) -> None:
@@ -127,6 +132,21 @@ def test_arrays_that_are_no_mesh(
 ) -> None:
     with pytest.raises(error, match=words):
         Surface(np.array(vertices), np.array(faces))
+
+
+def test_indices_are_whole_numbers() -> None:
+    vertices, faces = icosphere(1)
+    assert Surface(vertices, faces.astype(float)).faces.dtype == np.int64
+    broken = faces.astype(float)
+    broken[0, 0], broken[3, 2] = 0.5, np.nan
+    with pytest.raises(MeshError, match="not_whole = 2"):
+        Surface(vertices, broken)
+
+
+@pytest.mark.parametrize("dtype", [complex, object, "U8"])
+def test_intensities_are_real_numbers(dtype: object) -> None:
+    with pytest.raises(InputError, match=r"real numbers.*dtype"):
+        Stack(np.zeros((2, 2, 2)).astype(dtype), "zyx", ANISOTROPIC)
 
 
 def test_fields_have_one_value_per_vertex() -> None:

@@ -75,7 +75,14 @@ values = st.fixed_dictionaries(
                 "crop_um": st.tuples(*[st.floats(-1e6, 1e6)] * 6),
             },
         ),
-        "sphere": st.fixed_dictionaries({}, optional={"blend": st.floats(0, 1)}),
+        "sphere": st.fixed_dictionaries(
+            {},
+            optional={
+                "blend": st.floats(0, 1),
+                "theta": st.none() | st.floats(0, 1),
+                "criterion": st.sampled_from(["equiareal", "q_log_lambda"]),
+            },
+        ),
         "reference": st.fixed_dictionaries(
             {},
             optional={
@@ -143,6 +150,8 @@ def test_an_unknown_preset_names_those_that_exist() -> None:
         ({"uv": {"rows": "many"}}, r"uv\.rows: .*got 'many'"),
         ({"sphere": {"blend": 1.5}}, r"sphere\.blend: .*got 1\.5"),
         ({"sphere": {"blend": float("nan")}}, r"sphere\.blend"),
+        ({"sphere": {"criterion": "q_log_lambda", "theta": 1.5}}, r"sphere: .*at most 1, not 1\.5"),
+        ({"sphere": {"criterion": "areas"}}, r"sphere\.criterion.*got 'areas'"),
         ({"reference": {"stop": "soon"}}, r"reference\.stop.*got 'soon'"),
         ({"reference": {"curvature_limit": 1.0}}, r"reference\.curvature_limit"),
         ({"stack": {"working_voxel_um": 0}}, r"stack\.working_voxel_um"),

@@ -68,3 +68,5 @@ def test_a_blended_sphere_is_not_judged_as_an_equiareal_one() -> None:
     numbers = {"mean_abs_log_lambda": 0.3, "blend": 1.0}
     assert quality_rows({"sphere": numbers})[0].mark == "red"
     assert quality_rows({"sphere": {**numbers, "blend": 0.5}})[0].mark == ""
+    assert quality_rows({"sphere": {**numbers, "target": "uniform"}})[0].mark == ""
+    assert quality_rows({"sphere": {**numbers, "criterion": "mips"}})[0].mark == ""

@@ -24,17 +24,41 @@ Size3 = tuple[float, float, float]
 
 AXES = "tczyx"
 
+# A picometre and a metre: beyond, the unit was mistaken.
+SMALLEST_VOXEL_UM, LARGEST_VOXEL_UM = 1e-6, 1e6
+LARGEST_ANISOTROPY = 100.0
+
+ARRAYS = "A surface has vertices (n, 3) as (z, y, x) in µm, and faces (m, 3) with their indices."
+
 
 def check_voxel_size(voxel_size: Any) -> Size3:
     """Three positive finite numbers (z, y, x) in µm, or a clear error."""
     hint = "Give it as voxel_size=(z, y, x) in µm, e.g. (0.3, 0.104, 0.104)."
     if voxel_size is None:
         raise VoxelSizeMissingError("The voxel size is not known.", hint=hint)
-    sizes = tuple(float(s) for s in np.atleast_1d(np.asarray(voxel_size, dtype=float)))
+    try:
+        sizes = tuple(float(s) for s in np.atleast_1d(np.asarray(voxel_size, dtype=float)))
+    except (TypeError, ValueError):
+        raise InputError(
+            "A voxel size has numbers only.", got=repr(voxel_size), hint=hint
+        ) from None
     if len(sizes) != 3:
         raise AxesError("A voxel size has three numbers.", numbers=len(sizes), hint=hint)
     if not all(np.isfinite(s) and s > 0 for s in sizes):
         raise InputError("Voxel sizes must be positive.", voxel_size=sizes, hint=hint)
+    if min(sizes) < SMALLEST_VOXEL_UM or max(sizes) > LARGEST_VOXEL_UM:
+        raise InputError(
+            "No microscope has such voxels; are the lengths in µm?",
+            voxel_size=sizes,
+            hint=f"{hint} Of a mesh in another unit, read_mesh(path, scale=...) takes the µm.",
+        )
+    if max(sizes) > LARGEST_ANISOTROPY * min(sizes):
+        raise InputError(
+            "The voxel is too long for its width: nothing is known between such slices.",
+            voxel_size=sizes,
+            ratio=max(sizes) / min(sizes),
+            hint=f"{hint} Are all three in µm, and in the order z, y, x?",
+        )
     return sizes
 
 
@@ -79,6 +103,12 @@ class Stack:
                 dimensions=self.data.ndim,
                 axes=self.axes,
                 hint="A stack is (z, y, x) with t and c in front where they exist.",
+            )
+        if np.dtype(self.data.dtype).kind not in "biuf":
+            raise InputError(
+                "The intensities of a stack are real numbers.",
+                dtype=str(self.data.dtype),
+                hint="Convert them first, e.g. numpy.abs(data) of complex numbers.",
             )
 
     @property
@@ -180,7 +210,7 @@ class TriangleMesh:
 
     def __post_init__(self) -> None:
         vertices = np.ascontiguousarray(self.vertices, dtype=np.float64)
-        faces = np.ascontiguousarray(self.faces, dtype=np.int64)
+        faces = whole_numbers(self.faces)
         object.__setattr__(self, "vertices", vertices)
         object.__setattr__(self, "faces", faces)
         check_mesh_arrays(vertices, faces)
@@ -197,12 +227,26 @@ class TriangleMesh:
         return replace(self, fields={**self.fields, **fields})
 
 
+def whole_numbers(faces: npt.ArrayLike) -> Ints:
+    """Indices of vertices as int64; a fraction is an error, not rounded."""
+    given = np.asarray(faces)
+    if given.dtype.kind == "f":
+        broken = int((given != np.rint(given)).sum())
+        if broken:
+            raise MeshError(
+                "Faces are indices of vertices, so whole numbers.",
+                not_whole=broken,
+                hint="Were vertices and faces exchanged?",
+            )
+    return np.ascontiguousarray(given, dtype=np.int64)
+
+
 def check_mesh_arrays(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> None:
     """Raise unless the arrays can be a triangle mesh with finite vertices."""
     if vertices.ndim != 2 or vertices.shape[1] != 3:
-        raise MeshError("Vertices are an (n, 3) array.", shape=vertices.shape)
+        raise MeshError("Vertices are an (n, 3) array.", shape=vertices.shape, hint=ARRAYS)
     if faces.ndim != 2 or faces.shape[1] != 3:
-        raise MeshError("Faces are an (m, 3) array of triangles.", shape=faces.shape)
+        raise MeshError("Faces are an (m, 3) array of triangles.", shape=faces.shape, hint=ARRAYS)
     if len(vertices) == 0 or len(faces) == 0:
         raise MeshError(
             "The mesh is empty.",
@@ -212,10 +256,16 @@ def check_mesh_arrays(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> No
         )
     if not np.isfinite(vertices).all():
         bad = int((~np.isfinite(vertices).all(axis=1)).sum())
-        raise NotFiniteError("Vertices are NaN or infinite.", vertices=bad)
+        raise NotFiniteError(
+            "Vertices are NaN or infinite.",
+            vertices=bad,
+            of=len(vertices),
+            hint="Remove them with their faces: small holes are then closed.",
+        )
     if faces.min() < 0 or faces.max() >= len(vertices):
         raise MeshError(
             "A face refers to a vertex that does not exist.",
+            smallest_index=int(faces.min()),
             largest_index=int(faces.max()),
             vertices=len(vertices),
             hint="The file is damaged or truncated.",
@@ -294,12 +344,31 @@ class Sphere(TriangleMesh):
     blend : float
         0 = conformal, 1 = equiareal.
     error_history : ndarray
-        Mean |log λ| after every iteration of the equiareal flow.
+        Mean |log λ| against the blended target after every iteration.
+    method : str
+        "poisson" or "advection".
+    iteration : int or None
+        Of the advection, the iteration that was taken.
+    target : str
+        "reference" or "uniform": which areas an equiareal sphere has.
+    criterion, criterion_value : str, float
+        What chose the blend or the iteration, and its value there.
+    criterion_history : ndarray, (k, 2)
+        The blends or iterations that were tried, and their values (infinite with flips).
+    flip_history : ndarray
+        Flipped faces in every iteration of the advection.
     """
 
     conformal: Floats = field(default_factory=lambda: np.zeros((0, 3)))
     blend: float = 1.0
     error_history: Floats = field(default_factory=lambda: np.zeros(0))
+    method: str = "poisson"
+    iteration: int | None = None
+    target: str = "reference"
+    criterion: str = "equiareal"
+    criterion_value: float = float("nan")
+    criterion_history: Floats = field(default_factory=lambda: np.zeros((0, 2)))
+    flip_history: Ints = field(default_factory=lambda: np.zeros(0, np.int64))
 
 
 @dataclass(frozen=True, eq=False)

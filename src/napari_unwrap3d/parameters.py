@@ -11,9 +11,17 @@ import math
 import re
 import tomllib
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    model_validator,
+)
 
 from .errors import ParameterError
 
@@ -363,12 +371,66 @@ class SphereParameters(StepParameters):
     """Sphere (Steps 2, 3): from angle-preserving to area-preserving."""
 
     blend: float = setting(
-        1.0, "Conformal – equiareal", "0 preserves angles, 1 preserves areas.", ge=0, le=1
+        1.0,
+        "Conformal – equiareal",
+        "0 preserves angles, 1 preserves areas. A criterion looks for the best place up to here.",
+        ge=0,
+        le=1,
+    )
+    method: Literal["poisson", "advection"] = setting(
+        "poisson",
+        "Method",
+        "poisson: a Poisson flow that never flips a face; advection: the paper's, along the "
+        "gradient of the area distortion, the best iteration without flips.",
+        source="Step 3, mesh relaxation",
+    )
+    criterion: Literal["equiareal", "mips", "q_log_lambda", "area_mips"] = setting(
+        "equiareal",
+        "Criterion",
+        "What the blend (poisson) or the iteration (advection) is chosen for. equiareal: areas; "
+        "mips: angles; q_log_lambda: (1 − θ) Q + θ |log λ|; area_mips: area-preserving MIPS.",
+        source="Methods, Stopping criteria",
+    )
+    theta: float | None = setting(
+        None,
+        "Weight θ",
+        "Weight of the areas in q_log_lambda (0 to 1) and area_mips; empty: the paper's 0.5 and 1.",
+        source="Methods, Stopping criteria",
+        ge=0,
+        le=10,
+    )
+    target: Literal["reference", "uniform"] = setting(
+        "reference",
+        "Areas",
+        "reference: every face keeps its share of the reference's area; uniform: all faces get "
+        "the same area.",
+    )
+    step: float = setting(
+        1.0,
+        "Step ε",
+        "Advection: how far the vertices move in an iteration, in mean lengths of an edge.",
+        source="Datasets, ε = 1",
+        gt=0,
+        le=10,
+    )
+    delta: float = setting(
+        0.1,
+        "Stiffness δ",
+        "Advection: larger moves the vertices more evenly.",
+        source="Datasets, 0.1, and 5e-3 where that was not equiareal",
+        ge=0,
+        le=10,
     )
     iterations: int = setting(100, "Iterations", "Upper limit of the equiareal flow.", ge=0, le=200)
     tolerance: float = setting(
         0.003, "Tolerance", "Stop when mean |log λ| is below.", ge=1e-5, le=1
     )
+
+    @model_validator(mode="after")
+    def _check_theta(self) -> Self:
+        if self.criterion == "q_log_lambda" and self.theta is not None and self.theta > 1:
+            raise ValueError(f"theta of q_log_lambda is at most 1, not {self.theta:g}")
+        return self
 
 
 class UVParameters(StepParameters):

@@ -19,7 +19,7 @@ class Limit:
 
     A value up to `green` is good and up to `amber` fair; with `least`, a value from
     `green` up is good and from `amber` up fair; with `absolute`, the sign does not count.
-    `when` names another number of the chart and the value for which the limit holds.
+    `when` names other numbers of the chart and the values for which the limit holds.
     """
 
     title: str
@@ -28,7 +28,7 @@ class Limit:
     meaning: str
     least: bool = False
     absolute: bool = False
-    when: tuple[str, Any] | None = None
+    when: tuple[tuple[str, Any], ...] = ()
 
     def mark(self, value: float) -> Mark:
         """The colour of a value; NaN is bad."""
@@ -73,6 +73,7 @@ _OPEN = "an open edge leaves inside and outside undefined"
 _FLIPS = "where a face is flipped the map is not one to one"
 _Q = "1 means that angles are kept"
 _LAMBDA = "0 means that areas are kept"
+_EQUIAREAL = (("blend", 1.0), ("criterion", "equiareal"), ("target", "reference"))
 
 LIMITS: dict[tuple[str, str], Limit] = {
     ("surface", "genus"): Limit("handles", 0, 1e9, _HANDLES),
@@ -80,6 +81,9 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ("surface", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
     ("surface", "nonmanifold_edges"): Limit("non-manifold edges", 0, 0, _OPEN),
     ("surface", "degenerate_faces"): Limit("degenerate faces", 0, 100, "they have no normal"),
+    ("surface", "self_intersecting_voxels"): Limit(
+        "voxels enclosed twice or inside out", 0, 1e9, "the mesh intersects itself there"
+    ),
     ("sealed", "genus"): Limit("handles", 0, 0, "it must be a topological sphere"),
     ("sealed", "components"): Limit("parts", 1, 1, "a cell is one piece"),
     ("sealed", "boundary_edges"): Limit("open edges", 0, 0, _OPEN),
@@ -92,9 +96,7 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ("sphere", "conformal_flipped_faces"): Limit("flipped faces (conformal)", 0, 0, _FLIPS),
     ("sphere", "conformal_mean_q"): Limit("mean Q (conformal)", 1.01, 1.05, _Q),
     ("sphere", "flipped_faces"): Limit("flipped faces", 0, 0, _FLIPS),
-    ("sphere", "mean_abs_log_lambda"): Limit(
-        "mean |log λ|", 0.005, 0.05, _LAMBDA, when=("blend", 1.0)
-    ),
+    ("sphere", "mean_abs_log_lambda"): Limit("mean |log λ|", 0.005, 0.05, _LAMBDA, when=_EQUIAREAL),
     ("uv", "unlocated_pixels"): Limit("pixels without a place", 0, 0, "every pixel has one"),
     ("topography", "folded_fraction"): Limit(
         "cells that would fold (fraction)",
@@ -180,9 +182,8 @@ def _row(chart: str, quantity: str, value: Any, numbers: Mapping[str, Any]) -> R
     limit = LIMITS.get((chart, quantity))
     title = KEY_NUMBERS.get((chart, quantity), in_words(quantity))
     title = limit.title if limit is not None else title
-    if limit is not None and limit.when is not None:
-        name, expected = limit.when
-        limit = limit if numbers.get(name, expected) == expected else None
+    if limit is not None and any(numbers.get(key, value) != value for key, value in limit.when):
+        limit = None
     if limit is None or value is None or isinstance(value, str):
         return Row(chart, quantity, value, title=title)
     number = float(value)

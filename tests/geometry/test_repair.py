@@ -312,3 +312,38 @@ def test_real_meshes_keep_their_genus(shared_data: Path, name: str, genus: int) 
     )
     assert_closed_manifold(vertices, faces, report)
     assert report["genus"] == genus
+
+
+def test_vertices_without_a_face_are_dropped_and_counted() -> None:
+    vertices, faces = sphere()
+    kept, manifold, report = repair(np.concatenate([np.full((2, 3), 1e6), vertices]), faces + 2)
+    assert_closed_manifold(kept, manifold, report)
+    assert np.array_equal(kept, vertices)
+    assert report["vertices"] == len(vertices)
+    assert counts(report) == {"vertices without a face were dropped": 2}
+
+
+def test_every_turned_face_of_an_open_mesh_is_counted() -> None:
+    vertices, faces = sphere()
+    faces = faces[1:].copy()
+    faces[10:20] = faces[10:20, ::-1]
+    closed, manifold, report = repair(vertices, faces)
+    assert_closed_manifold(closed, manifold, report)
+    assert counts(report)["faces were turned over to agree with their neighbours"] == 10
+
+
+@pytest.mark.parametrize("sizes", [(1.0, 0.9), (1.0, 0.95, 0.9, 0.4)])
+def test_walls_of_cavities_are_no_second_cell(sizes: tuple[float, ...]) -> None:
+    vertices, faces = sphere()
+    walls = [(s * vertices, faces[:, :: 1 - 2 * (i % 2)]) for i, s in enumerate(sizes)]
+    kept, manifold, report = repair(*together(*walls[::-1]))
+    assert_closed_manifold(kept, manifold, report)
+    assert np.array_equal(kept, vertices)
+    dropped = counts(report)["faces of walls inside the cell, as of a cavity, were dropped"]
+    assert dropped == (len(sizes) - 1) * len(faces)
+
+
+def test_a_cell_that_reaches_into_another_is_no_cavity() -> None:
+    vertices, faces = sphere()
+    with pytest.raises(SeveralCellsError):
+        repair(*together((vertices, faces), (0.9 * vertices + [0, 0, 0.5], faces)))

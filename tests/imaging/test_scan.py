@@ -116,3 +116,10 @@ def test_boxes() -> None:
 def test_labels_are_listed_without_the_background() -> None:
     data = np.array([0, 5, 5, 9, 0, 2], dtype=np.uint16).reshape(1, 2, 3)
     assert labels_in(data).tolist() == [2, 5, 9]
+
+
+def test_numbers_beyond_single_precision_count_as_infinite() -> None:
+    data = np.ones((4, 5, 6))
+    data[1, 2, 3:5] = 1e200
+    with pytest.raises(NotFiniteError, match=r"voxels = 2.*3e38"):
+        scan(data, (1.0, 1.0, 1.0), silent())

@@ -143,3 +143,10 @@ def test_the_margin_keeps_the_place() -> None:
     before = mask.to_world(np.argwhere(mask.data))
     assert roomy.to_world(np.argwhere(roomy.data)) == pytest.approx(before)
     assert not touched_sides(roomy.data).any()
+
+
+def test_what_is_closed_flat_is_a_repair() -> None:
+    inside = distance((40, 40, 40), (19.5,) * 3) < 12
+    assert "repairs" not in border(inside)
+    (repair,) = border(inside[10:])["repairs"]
+    assert repair["count"] == border(inside[10:])["touches_border_voxels"]

@@ -1,5 +1,7 @@
 """Step 3: areas are kept, nothing is flipped, and the slider goes from one to the other."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -13,13 +15,13 @@ from napari_unwrap3d.geometry.mesh import face_areas
 from napari_unwrap3d.progress import Progress, silent
 from napari_unwrap3d.unwrapping.conformal import conformal_sphere
 from napari_unwrap3d.unwrapping.equiareal import equiareal_sphere
-from shapes import icosphere, lumpy
+from shapes import elongated, icosphere, lumpy
 
 ARM = lumpy(4, size=0.8)
 CONFORMAL = conformal_sphere(*ARM, silent())
 
 
-def relaxed(blend: float = 1.0, **settings: float) -> tuple[np.ndarray, np.ndarray]:
+def relaxed(blend: float = 1.0, **settings: Any) -> tuple[np.ndarray, np.ndarray]:
     return equiareal_sphere(ARM[0], CONFORMAL, ARM[1], silent(), blend=blend, **settings)
 
 
@@ -61,6 +63,44 @@ def test_the_slider_goes_from_angles_to_areas() -> None:
     assert q[0] < q[1] < q[2] < q[3]
     assert areas[0] > areas[1] > areas[2] > areas[3]
     assert all(flipped_faces(found, faces) == 0 for found in blends)
+
+
+@pytest.mark.parametrize(("vertices", "seed", "length"), [(2500, 0, 2.0), (4000, 3, 3.0)])
+def test_the_slider_is_monotone_and_flips_nothing_on_its_whole_way(
+    vertices: int, seed: int, length: float
+) -> None:
+    points, faces = elongated(vertices, seed, length)
+    conformal = conformal_sphere(points, faces, silent())
+    q, areas = [], []
+    for blend in np.linspace(0.0, 1.0, 11):
+        found, _ = equiareal_sphere(points, conformal, faces, silent(), blend=float(blend))
+        assert flipped_faces(found, faces) == 0
+        q.append(mean_conformal_error(points, found, faces))
+        areas.append(mean_log_area_distortion(points, found, faces))
+    assert (np.diff(q) > 0).all()
+    assert (np.diff(areas) < 0).all()
+    assert areas[-1] < 0.005 < 0.5 < areas[0]
+
+
+def test_all_faces_can_be_given_the_same_area() -> None:
+    points, faces = elongated()
+    conformal = conformal_sphere(points, faces, silent())
+    alike = np.full(len(faces), 1.0 / len(faces))
+    found, history = equiareal_sphere(points, conformal, faces, silent(), wanted=alike)
+    areas = face_areas(found, faces)
+    assert flipped_faces(found, faces) == 0
+    assert areas.std() < 0.03 * areas.mean()
+    assert face_areas(points, faces).std() > 0.4 * face_areas(points, faces).mean()
+    assert history[-1] == pytest.approx(np.abs(np.log(areas / areas.sum() * len(faces))).mean())
+
+
+def test_the_way_to_a_blend_may_begin_at_another_one() -> None:
+    near, _ = relaxed(0.6)
+    direct, _ = relaxed(0.7, tolerance=0.001)
+    found, history = relaxed(0.7, tolerance=0.001, start=near)
+    assert flipped_faces(found, ARM[1]) == 0
+    assert history[0] < 0.1
+    assert np.abs(found - direct).max() < 0.02
 
 
 def test_at_zero_the_conformal_map_comes_back() -> None:

@@ -108,3 +108,54 @@ def test_a_crumb_beside_the_cell_is_dropped_and_reported() -> None:
     assert mended.report["as_given"]["components"] == 2
     assert mended.report["components"] == 1
     assert "dropped" in mended.report["repairs"][0]["what"]
+
+
+def test_what_is_closed_may_still_need_repair() -> None:
+    """A vertex without a face, a vertex shared with a crumb, a face without area."""
+    vertices, faces = icosphere(3)
+    a, b, tip = faces[0]
+    flat = np.concatenate([vertices, [(vertices[a] + vertices[b]) / 2]])
+    split = [[a, len(vertices), tip], [len(vertices), b, tip], [a, b, len(vertices)]]
+    crumb = pieces(1.0, 0.2)
+    shared = crumb.faces.copy()
+    shared[shared == crumb.faces.max()] = 0
+    broken = {
+        "vertices without a face": Surface(np.concatenate([vertices, [[9.0, 9, 9]]]), faces),
+        "without area": Surface(flat, np.concatenate([faces[1:], split])),
+        "doubled where the surface met itself": Surface(crumb.vertices, shared),
+    }
+    for words, mesh in broken.items():
+        mended = closed_mesh(mesh)
+        assert any(words in repair["what"] for repair in mended.report["repairs"]), words
+        assert signed_volume(mended.vertices, mended.faces) == pytest.approx(4.1, abs=0.1)
+        again = closed_mesh(mended)
+        assert again is mended
+
+
+def test_earlier_repairs_are_not_forgotten() -> None:
+    vertices, faces = icosphere(2)
+    earlier = {"repairs": [{"what": "read with care", "count": 1}]}
+    mended = closed_mesh(Surface(vertices, faces[:, ::-1], report=earlier))
+    assert [repair["count"] for repair in mended.report["repairs"]] == [1, len(faces)]
+
+
+def test_voxels_that_a_mesh_encloses_twice_or_inside_out_are_counted() -> None:
+    vertices, faces = icosphere(3)
+    plain, report = mask_of_mesh(Surface(vertices, faces), 0.05)
+    assert "repairs" not in report
+    through = vertices.copy()
+    cap = through[:, 0] > 0.8
+    through[cap, 0] -= 11.0 * (through[cap, 0] - 0.8)
+    mask, report = mask_of_mesh(Surface(through, faces), 0.05)
+    (repair,) = report["repairs"]
+    assert "inside out" in repair["what"]
+    assert repair["count"] > 50
+    assert mask.data.sum() < plain.data.sum()
+    twice = Surface(
+        np.concatenate([vertices, vertices + np.array([0, 0, 1.0])]),
+        np.concatenate([faces, faces + len(vertices)]),
+    )
+    (repair,) = mask_of_mesh(twice, 0.05)[1]["repairs"]
+    assert "twice" in repair["what"]
+    lens = 2 * np.pi / 3 * 0.5**2 * (3 - 0.5)
+    assert repair["count"] * 0.05**3 == pytest.approx(lens, rel=0.05)

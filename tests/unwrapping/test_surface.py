@@ -16,6 +16,7 @@ from napari_unwrap3d.geometry.topology import euler_characteristic as solid_eule
 from napari_unwrap3d.geometry.topology import is_well_composed
 from napari_unwrap3d.parameters import SealedParameters, SurfaceParameters
 from napari_unwrap3d.progress import silent
+from napari_unwrap3d.unwrapping.solid import mask_of_mesh
 from napari_unwrap3d.unwrapping.surface import sealed_surface, smooth_solid, surface
 from shapes import ball, grid, icosphere, torus
 
@@ -176,3 +177,19 @@ def test_where_nothing_was_sealed_the_mesh_is_the_surfaces() -> None:
     far = chart.vertices[chart.vertices[:, 2] > ORIGIN[2] + 20 * EDGE]
     before = plain.vertices[plain.vertices[:, 2] > ORIGIN[2] + 20 * EDGE]
     np.testing.assert_allclose(far, before)
+
+
+def test_a_mesh_that_intersects_itself_is_not_the_sealed_one() -> None:
+    vertices, faces = icosphere(3)
+    through = vertices.copy()
+    cap = through[:, 0] > 0.8
+    through[cap, 0] -= 11.0 * (through[cap, 0] - 0.8)
+    mask, _ = mask_of_mesh(Surface(through, faces), 0.06)
+    chart = surface(mask, SurfaceParameters(), Surface(through, faces), silent())
+    assert chart.report["self_intersecting_voxels"] > 30
+    np.testing.assert_array_equal(chart.vertices, through)
+    found = sealed_surface(mask, chart, SurfaceParameters(), SealedParameters(), silent())
+    assert_is_a_sphere(found)
+    volume = found.mask.data.sum() * 0.06**3
+    assert signed_volume(found.vertices, found.faces) == pytest.approx(volume, rel=0.03)
+    assert len(found.vertices) != len(through)

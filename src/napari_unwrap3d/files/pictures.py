@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import Floats
+from ..charts import Floats, Sphere
 from ..geometry.distortion import area_distortion, conformal_error
 from ..geometry.mesh import face_areas, vertex_normals
 from ..progress import Progress, silent
@@ -121,16 +121,23 @@ def _three_sides(chart: Any, title: str, subtitle: str, beside: Sequence[Floats]
     return figure
 
 
+def _relaxed_state(sphere: Sphere) -> str:
+    if sphere.method == "advection" and sphere.criterion != "equiareal":
+        return f"iteration {sphere.iteration} of the advection ({sphere.criterion})"
+    if sphere.blend < 1:
+        return f"blend {sphere.blend:g}"
+    if sphere.target == "uniform":
+        return "equiareal (all faces alike)"
+    return "equiareal (areas kept)"
+
+
 def draw_sphere(atlas: Atlas) -> Figure:
     """Conformal and equiareal state side by side: mean curvature above, area change below."""
     sphere, reference = atlas.sphere, atlas.reference
-    final = "equiareal" if sphere.blend == 1 else f"blend {sphere.blend:g}"
-    states = {"conformal (angles kept)": sphere.conformal, final: sphere.vertices}
-    if sphere.blend == 1:
-        states = {
-            "conformal (angles kept)": sphere.conformal,
-            "equiareal (areas kept)": sphere.vertices,
-        }
+    states = {
+        "conformal (angles kept)": sphere.conformal,
+        _relaxed_state(sphere): sphere.vertices,
+    }
     figure = new_figure(
         13.0,
         7.2,

@@ -206,3 +206,22 @@ def conjugate_gradient(
         p = z + (rz_next / np.maximum(rz, 1e-300)) * p
         rz = rz_next
     return x, False
+
+
+class ReusedFactor:
+    """Solves with slowly changing matrices: the factor of an early one preconditions."""
+
+    def __init__(self) -> None:
+        self._factor: Factor | None = None
+
+    def solve(self, matrix: sparse.csr_array, right: Floats) -> Floats:
+        """Solution of A x = right, for right (n,) or (n, k)."""
+        if self._factor is not None:
+            columns = right[:, None] if right.ndim == 1 else right
+            solution, solved = conjugate_gradient(
+                matrix, columns, self._factor, tolerance=1e-10, iterations=40
+            )
+            if solved:
+                return solution.reshape(right.shape)
+        self._factor = Factor(matrix)
+        return self._factor.solve(right)

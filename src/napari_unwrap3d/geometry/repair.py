@@ -38,6 +38,8 @@ from .mesh import (
 MERGE_TOLERANCE = 1e-8
 LARGEST_HOLE = 0.05
 TURNING_ROUNDS = 20
+# So many vertices of a component say whether it lies inside another one.
+SAMPLED_VERTICES = 100
 
 
 @dataclass(frozen=True)
@@ -69,6 +71,7 @@ class _Work:
         self.vertices = vertices
         self.faces = faces
         self.origin = np.arange(len(vertices))
+        self.without_face = len(vertices) - len(np.unique(faces))
         self.done: list[dict[str, Any]] = []
 
     def note(self, count: int, what: str, **numbers: Any) -> None:
@@ -131,7 +134,7 @@ def repair_mesh(
     Raises
     ------
     SeveralCellsError
-        Two components of comparable size.
+        Two components of comparable size, neither inside the other.
     NotWatertightError
         A hole is too large.
     NotManifoldError
@@ -234,6 +237,12 @@ def _keep_largest(work: _Work, second_cell_fraction: float) -> None:
     if len(area) == 1:
         return
     if area[order[1]] >= second_cell_fraction * area[order[0]]:
+        walls = _walls_inside(work, of_face, int(order[0]))
+        if walls.any():
+            work.keep_faces(~walls, "faces of walls inside the cell, as of a cavity, were dropped")
+            _keep_largest(work, second_cell_fraction)
+            return
+    if area[order[1]] >= second_cell_fraction * area[order[0]]:
         raise SeveralCellsError(
             "The mesh has two components of comparable size, so it may hold several cells.",
             components=len(area),
@@ -249,8 +258,29 @@ def _keep_largest(work: _Work, second_cell_fraction: float) -> None:
     )
 
 
+def _walls_inside(work: _Work, of_face: Ints, largest: int) -> npt.NDArray[np.bool_]:
+    """Faces (m,) of the components that lie inside the largest one, where that is closed."""
+    import igl
+
+    inside = np.zeros(int(of_face.max()) + 1, dtype=bool)
+    outer = work.faces[of_face == largest]
+    if not (edges_with_faces(outer).valence == 2).all():
+        return inside[of_face]
+    outer = orient_outward(work.vertices, outer)
+    for part in range(len(inside)):
+        if part != largest:
+            corners = np.unique(work.faces[of_face == part])
+            some = corners[:: -(-len(corners) // SAMPLED_VERTICES)]
+            winding = igl.winding_number(work.vertices, outer, work.vertices[some])
+            inside[part] = bool((np.asarray(winding) > 0.5).all())
+    return inside[of_face]
+
+
 def _cut(work: _Work) -> None:
-    work.faces = wind_consistently(work.faces)
+    wound = wind_consistently(work.faces)
+    turned = int((wound != work.faces).any(axis=1).sum())
+    work.note(turned, "faces were turned over to agree with their neighbours")
+    work.faces = wound
     branching = int((edges_with_faces(work.faces).valence > 2).sum())
     if not branching and not len(nonmanifold_vertices(work.faces)):
         return
@@ -329,6 +359,7 @@ def _drop_unused_vertices(work: _Work) -> None:
     work.faces = name[work.faces]
     work.vertices = work.vertices[used]
     work.origin = work.origin[used]
+    work.note(work.without_face, "vertices without a face were dropped")
 
 
 def _check(work: _Work, report: dict[str, Any]) -> None:

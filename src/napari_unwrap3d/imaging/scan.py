@@ -74,7 +74,8 @@ def scan(volume: Any, voxel_size: Size3, progress: Progress) -> Scan:
     not_finite = 0
     for start, slab in slabs(volume):
         progress(start / volume.shape[0], "reading")
-        values = slab.astype(np.float32)
+        with np.errstate(over="ignore"):
+            values = slab.astype(np.float32)
         if slab.dtype.kind == "f":
             not_finite += int((~np.isfinite(values)).sum())
         extremes.add(slab)
@@ -85,7 +86,8 @@ def scan(volume: Any, voxel_size: Size3, progress: Progress) -> Scan:
             "The stack contains NaN or infinite values.",
             voxels=not_finite,
             of=int(np.prod(volume.shape)),
-            hint="Replace them (e.g. by the background) before unwrapping.",
+            hint="Replace them (e.g. by the background) before unwrapping; numbers beyond "
+            "±3e38 count as infinite.",
         )
     counts = [
         np.minimum(f, n - f * np.arange(m))

@@ -235,7 +235,9 @@ def check_border(
             voxels,
             100 * fraction,
         )
+    closed = [{"what": "voxels were closed flat at the border of the image", "count": voxels}]
     return {
+        **({"repairs": closed} if voxels else {}),
         "touches_border_voxels": voxels,
         "border_area_um2": cut,
         "border_fraction": fraction,

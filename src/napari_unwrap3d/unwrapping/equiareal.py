@@ -19,12 +19,7 @@ import scipy.sparse as sparse
 from ..charts import Floats, Ints
 from ..geometry.area_polish import VertexStars, polish_areas
 from ..geometry.distortion import spherical_determinants
-from ..geometry.laplacian import (
-    Factor,
-    conjugate_gradient,
-    cotangent_laplacian,
-    faces_to_vertices,
-)
+from ..geometry.laplacian import ReusedFactor, cotangent_laplacian, faces_to_vertices
 from ..geometry.mesh import face_areas
 from ..progress import Progress
 
@@ -52,6 +47,8 @@ def equiareal_sphere(
     blend: float = 1.0,
     iterations: int = 100,
     tolerance: float = 0.003,
+    wanted: Floats | None = None,
+    start: Floats | None = None,
 ) -> tuple[Floats, Floats]:
     """Relax the area distortion of a spherical map (paper, Step 3).
 
@@ -66,6 +63,10 @@ def equiareal_sphere(
         0 returns `conformal`, 1 is equiareal.
     iterations, tolerance
         Stop after so many, or when mean |log(area / target)| is below the tolerance.
+    wanted : ndarray, (m,), optional
+        Shares of the area of an equiareal map; by default those of `vertices`.
+    start : ndarray, (n, 3), optional
+        Unit vectors without flips to begin with, by default `conformal`.
 
     Returns
     -------
@@ -76,9 +77,9 @@ def equiareal_sphere(
     """
     if blend == 0.0:
         return conformal, np.zeros(1)
-    target = _share(face_areas(vertices, faces)) ** blend
-    target = _share(target * _share(face_areas(conformal, faces)) ** (1.0 - blend))
-    current = conformal
+    wanted = share_of(face_areas(vertices, faces)) if wanted is None else wanted
+    target = blended_target(wanted, conformal, faces, blend)
+    current = conformal if start is None else start
     history = [area_error(current, faces, target)]
     stars = VertexStars(faces, len(current))
     for cycle in range(CYCLES):
@@ -93,6 +94,11 @@ def equiareal_sphere(
     return current, np.array(history)
 
 
+def blended_target(wanted: Floats, conformal: Floats, faces: Ints, blend: float) -> Floats:
+    """Shares (m,) of the area between those of the conformal map (0) and the wanted ones (1)."""
+    return share_of(wanted**blend * share_of(face_areas(conformal, faces)) ** (1.0 - blend))
+
+
 def _flow(
     current: Floats,
     faces: Ints,
@@ -103,7 +109,7 @@ def _flow(
     progress: Progress,
 ) -> Floats:
     """Poisson flow until it is good enough or stalls; the errors are appended to `history`."""
-    solver = _PoissonSolver()
+    solver = ReusedFactor()
     start = len(history)
     for iteration in range(iterations):
         if history[-1] <= tolerance or _has_stalled(history[start - 1 :]):
@@ -120,11 +126,12 @@ def _flow(
 
 def area_error(directions: Floats, faces: Ints, target: Floats) -> float:
     """Mean over the faces of |log(share of the area / target)|."""
-    share = np.maximum(_share(face_areas(directions, faces)), 1e-300)
+    share = np.maximum(share_of(face_areas(directions, faces)), 1e-300)
     return float(np.abs(np.log(share / target)).mean())
 
 
-def _share(areas: Floats) -> Floats:
+def share_of(areas: Floats) -> Floats:
+    """Areas (m,) as parts of their sum."""
     share: Floats = areas / areas.sum()
     return share
 
@@ -134,28 +141,11 @@ def _has_stalled(history: list[float]) -> bool:
     return len(history) > 3 and history[-1] > (1.0 - gain) * history[-2]
 
 
-class _PoissonSolver:
-    """Solves with slowly changing matrices: the factor of an early one preconditions."""
-
-    def __init__(self) -> None:
-        self._factor: Factor | None = None
-
-    def solve(self, matrix: sparse.csr_array, right: Floats) -> Floats:
-        if self._factor is not None:
-            solution, solved = conjugate_gradient(
-                matrix, right[:, None], self._factor, tolerance=1e-10, iterations=40
-            )
-            if solved:
-                return solution[:, 0]
-        self._factor = Factor(matrix)
-        return self._factor.solve(right)
-
-
-def _velocity(directions: Floats, faces: Ints, target: Floats, solver: _PoissonSolver) -> Floats:
+def _velocity(directions: Floats, faces: Ints, target: Floats, solver: ReusedFactor) -> Floats:
     """Tangent vectors (n, 3) whose divergence turns the current areas into the target."""
     size = len(directions)
     areas = face_areas(directions, faces)
-    mass = faces_to_vertices(_share(areas) / 3.0, faces, size)
+    mass = faces_to_vertices(share_of(areas) / 3.0, faces, size)
     wanted = faces_to_vertices(target / 3.0, faces, size)
     right = mass * LARGEST_LOG * np.tanh(np.log(wanted / mass) / LARGEST_LOG) * areas.sum()
     right -= mass * right.sum()
@@ -163,7 +153,7 @@ def _velocity(directions: Floats, faces: Ints, target: Floats, solver: _PoissonS
     laplacian = cotangent_laplacian(directions, faces)
     matrix = sparse.csr_array(sparse.diags_array(1e-9 * mass) - laplacian)
     potential = -solver.solve(matrix, right)
-    gradient = _gradient(directions, faces, potential)
+    gradient = face_gradient(directions, faces, potential)
     weighted = faces_to_vertices(areas[:, None] * gradient, faces, size)
     velocity = weighted / faces_to_vertices(areas, faces, size)[:, None]
     radial = np.einsum("ij,ij->i", velocity, directions)
@@ -171,7 +161,7 @@ def _velocity(directions: Floats, faces: Ints, target: Floats, solver: _PoissonS
     return tangential
 
 
-def _gradient(vertices: Floats, faces: Ints, values: Floats) -> Floats:
+def face_gradient(vertices: Floats, faces: Ints, values: Floats) -> Floats:
     """Gradient (m, 3) on every face of a function given at the vertices."""
     a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
     normal = np.cross(b - a, c - a)

@@ -55,16 +55,25 @@ def measure_reference(chart: Reference) -> Numbers:
 
 
 def measure_sphere(reference: Reference, chart: Sphere) -> Numbers:
-    """Flips, conformal error Q and |log λ| of both states of the sphere."""
+    """Flips, conformal error Q and |log λ| of both states, and what chose the second."""
     faces = chart.faces
+    advected = {
+        "iteration": chart.iteration,
+        "iterations_with_flips": int((chart.flip_history > 0).sum()),
+    }
     return {
         "conformal_flipped_faces": flipped_faces(chart.conformal, faces),
         "conformal_mean_q": mean_conformal_error(reference.vertices, chart.conformal, faces),
         "flipped_faces": flipped_faces(chart.vertices, faces),
         "mean_q": mean_conformal_error(reference.vertices, chart.vertices, faces),
         "mean_abs_log_lambda": mean_log_area_distortion(reference.vertices, chart.vertices, faces),
+        "method": chart.method,
+        "target": chart.target,
+        "criterion": chart.criterion,
+        "criterion_value": chart.criterion_value,
         "blend": chart.blend,
         "flow_iterations": max(len(chart.error_history) - 1, 0),
+        **(advected if chart.method == "advection" else {}),
     }
 
 

@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
-from ..charts import Reference, Sphere
+import numpy as np
+
+from ..charts import Floats, Reference, Sphere
 from ..parameters import SphereParameters
 from ..progress import Progress
+from .advection import advected_sphere
 from .conformal import conformal_sphere
-from .equiareal import equiareal_sphere
+from .criteria import Criterion, best_blend, wanted_shares
+from .equiareal import blended_target, equiareal_sphere
 
 
 def sphere(reference: Reference, parameters: SphereParameters, progress: Progress) -> Sphere:
     """Map the reference one to one onto the unit sphere.
+
+    Areas are relaxed by the Poisson flow, where a criterion other than the areas chooses
+    the blend, or by the paper's advection, where it chooses the iteration.
 
     Raises
     ------
@@ -19,19 +26,78 @@ def sphere(reference: Reference, parameters: SphereParameters, progress: Progres
     """
     vertices, faces = reference.vertices, reference.faces
     conformal = conformal_sphere(vertices, faces, progress.part(0.0, 0.6))
-    directions, history = equiareal_sphere(
-        vertices,
-        conformal,
-        faces,
-        progress.part(0.6, 1.0),
-        blend=parameters.blend,
-        iterations=parameters.iterations,
-        tolerance=parameters.tolerance,
-    )
+    wanted = wanted_shares(vertices, faces, parameters.target)
+    criterion = Criterion(parameters.criterion, parameters.theta, vertices, faces, wanted)
+    relaxed = _advected if parameters.method == "advection" else _flowed
+    return relaxed(conformal, criterion, parameters, progress.part(0.6, 1.0))
+
+
+def _flowed(
+    conformal: Floats, criterion: Criterion, parameters: SphereParameters, progress: Progress
+) -> Sphere:
+    """By the Poisson flow, at the given blend or at the best one up to there."""
+
+    def relaxed(blend: float, start: Floats, part: Progress) -> tuple[Floats, Floats]:
+        return equiareal_sphere(
+            criterion.vertices,
+            conformal,
+            criterion.faces,
+            part,
+            blend=blend,
+            iterations=parameters.iterations,
+            tolerance=parameters.tolerance,
+            wanted=criterion.wanted,
+            start=start,
+        )
+
+    blend, tried, rest = parameters.blend, np.zeros((0, 2)), progress
+    if criterion.name != "equiareal":
+        search, rest = progress.part(0.0, 0.8), progress.part(0.8, 1.0)
+        blend, tried = best_blend(
+            criterion, conformal, lambda *given: relaxed(*given)[0], parameters.blend, search
+        )
+    # From the conformal map again, so that the blend alone says which map it is.
+    directions, history = relaxed(blend, conformal, rest)
     return Sphere(
         vertices=directions,
+        faces=criterion.faces,
+        conformal=conformal,
+        blend=blend,
+        error_history=history,
+        target=parameters.target,
+        criterion=criterion.name,
+        criterion_value=criterion(directions),
+        criterion_history=tried,
+    )
+
+
+def _advected(
+    conformal: Floats, criterion: Criterion, parameters: SphereParameters, progress: Progress
+) -> Sphere:
+    """By the paper's advection, at the best iteration."""
+    faces = criterion.faces
+    found = advected_sphere(
+        conformal,
+        faces,
+        blended_target(criterion.wanted, conformal, faces, parameters.blend),
+        criterion,
+        progress,
+        iterations=parameters.iterations,
+        tolerance=parameters.tolerance,
+        step=parameters.step,
+        delta=parameters.delta,
+    )
+    return Sphere(
+        vertices=found.directions,
         faces=faces,
         conformal=conformal,
         blend=parameters.blend,
-        error_history=history,
+        error_history=found.errors,
+        method="advection",
+        iteration=found.iteration,
+        target=parameters.target,
+        criterion=criterion.name,
+        criterion_value=float(found.values[found.iteration]),
+        criterion_history=np.column_stack([np.arange(len(found.values)), found.values]),
+        flip_history=found.flips,
     )

@@ -22,6 +22,7 @@ from ..geometry.mesh import (
 )
 from ..geometry.repair import repair
 from ..geometry.topology import fill_cavities, sealed_parts
+from ..geometry.voxelize import winding_number
 from ..parameters import SealedParameters, SurfaceParameters
 from ..progress import Progress
 
@@ -82,7 +83,8 @@ def surface(
     -------
     Surface
         With the fields ``mean_curvature_per_um`` and ``gaussian_curvature`` (angle
-        deficit in radians), and the report of its topology and quality.
+        deficit in radians), and the report of its topology and quality. Of a mesh that
+        was read, ``self_intersecting_voxels`` are those it encloses twice or inside out.
     """
     report: dict[str, Any] = {}
     if given is None:
@@ -97,6 +99,8 @@ def surface(
     else:
         vertices, faces = given.vertices, given.faces
         report.update(given.report)
+        winding = winding_number(mask.to_index(vertices), faces, mask.shape)
+        report["self_intersecting_voxels"] = int(((winding < 0) | (winding > 1)).sum())
     progress(0.4, "curvature")
     distance = signed_distance(mask.data)
     progress(0.6, "curvature")
@@ -127,7 +131,7 @@ def sealed_surface(
     """The same cell with its handles, holes and cavities closed: genus 0, watertight.
 
     A handle's hole is closed by a membrane, or the handle is cut. Where nothing was
-    changed its mesh is the surface's own.
+    changed its mesh is the surface's own, unless that intersects itself.
     """
     progress(0.1, "closing handles and holes")
     field, solid = smooth_solid(mask.data, parameters.smoothing_voxels)
@@ -141,7 +145,7 @@ def sealed_surface(
         }
         for part in sealed_parts(solid, ball)
     )
-    if is_sphere(surface.faces):
+    if is_sphere(surface.faces) and not surface.report.get("self_intersecting_voxels"):
         vertices, faces = surface.vertices, surface.faces
     else:
         index, faces = clamped_marching_cubes(field_with_sign(field, ball))
