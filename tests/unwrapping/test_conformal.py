@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_unwrap3d.errors import Cancelled, FlippedFacesError
+from napari_unwrap3d.errors import Cancelled, FlippedFacesError, NotGenusZeroError
 from napari_unwrap3d.geometry.distortion import (
     conformal_error,
     flipped_faces,
@@ -107,12 +107,20 @@ def test_the_same_input_gives_the_same_map_bit_for_bit() -> None:
 
 
 def test_a_body_with_a_handle_is_refused() -> None:
-    vertices, faces = torus_mesh()
-    with pytest.raises(FlippedFacesError, match="one to one") as caught:
-        conformal_sphere(vertices, faces, silent())
-    assert caught.value.measured["faces"] == len(faces)
-    assert 0 < caught.value.measured["flips"] < len(faces)
+    with pytest.raises(NotGenusZeroError) as caught:
+        conformal_sphere(*torus_mesh(), silent())
     assert caught.value.hint
+
+
+def test_the_hierarchical_embedding_is_the_last_resort(monkeypatch: pytest.MonkeyPatch) -> None:
+    vertices, faces = lumpy(3)
+    usual = conformal_sphere(vertices, faces, silent())
+    monkeypatch.setattr(conformal, "_laplacians", lambda *args: ())
+    found = conformal_sphere(vertices, faces, silent())
+    assert flipped_faces(found, faces) == 0
+    assert mean_conformal_error(vertices, found, faces) == pytest.approx(
+        mean_conformal_error(vertices, usual, faces), abs=0.01
+    )
 
 
 def with_nan(directions: np.ndarray) -> np.ndarray:

@@ -20,6 +20,7 @@ from ..charts import Floats, Ints
 from ..errors import FlippedFacesError
 from ..geometry.distortion import flipped_faces, mean_conformal_error
 from ..geometry.laplacian import Factor, cotangent_laplacian, laplacian_from_weights, vertex_mass
+from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..progress import Progress
 
 logger = logging.getLogger(__name__)
@@ -33,6 +34,8 @@ ALTERNATIONS = 6
 # Both poles have had their turn: stop at this mean Q, or when another turn gains nothing.
 GOOD_ENOUGH = 1.006
 SMALLEST_GAIN = 1e-3
+# Weight of angles against areas in the embedding that is fallen back on.
+CONFORMAL_SHAPE = 10.0
 
 
 def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Floats:
@@ -51,23 +54,34 @@ def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Float
 
     Raises
     ------
-    FlippedFacesError
-        Neither cotangent weights nor positive (Tutte) weights gave a map without flips.
+    NotGenusZeroError, FlippedFacesError
+        The mesh is no sphere, or so degenerate that not even the hierarchical embedding,
+        which every other mesh has, is found.
     """
     weights = vertex_mass(vertices, faces)
-    flips = len(faces)
     for name, laplacian in _laplacians(vertices, faces):
-        directions = _alternate(vertices, faces, laplacian, progress)
+        plane = progress.run(_punctured_map, vertices, faces, laplacian)
+        start = _inverse_stereographic(plane)
+        directions = _alternate(vertices, faces, laplacian, start, progress)
         flips = flipped_faces(directions, faces)
         if flips == 0:
             return mobius_centered(directions, weights, faces)
         logger.info("the spherical map with %s weights has %d flipped faces", name, flips)
-    raise FlippedFacesError(
-        "The reference could not be mapped to the sphere one to one.",
-        flips=flips,
-        faces=len(faces),
-        hint="Smooth the reference more (a lower limit of total |K|, or extra iterations).",
-    )
+    # Never flipped on any sphere, but less conformal; the alternation improves what it can.
+    logger.info("falling back on the hierarchical embedding")
+    kept = EmbeddingWeights(shape=CONFORMAL_SHAPE, tie=0.0)
+    start = embed_on_sphere(vertices, faces, progress.part(0.2, 0.9), weights=kept)
+    laplacian = cotangent_laplacian(vertices, faces)
+    directions = _alternate(vertices, faces, laplacian, start, progress.part(0.9, 1.0))
+    flips = flipped_faces(directions, faces)
+    if flips:
+        raise FlippedFacesError(
+            "The reference could not be mapped to the sphere one to one.",
+            flips=flips,
+            faces=len(faces),
+            hint="Smooth the reference more (a lower limit of total |K|, or extra iterations).",
+        )
+    return mobius_centered(directions, weights, faces)
 
 
 def _laplacians(vertices: Floats, faces: Ints) -> Any:
@@ -85,13 +99,14 @@ def _laplacians(vertices: Floats, faces: Ints) -> Any:
     yield "uniform", laplacian_from_weights(uniform, faces, len(vertices))
 
 
-def _alternate(vertices: Floats, faces: Ints, laplacian: Any, progress: Progress) -> Floats:
-    """Harmonic map of the punctured mesh, then corrections from alternating poles.
+def _alternate(
+    vertices: Floats, faces: Ints, laplacian: Any, start: Floats, progress: Progress
+) -> Floats:
+    """Harmonic corrections of a spherical map from alternating poles.
 
     Keeps the best map without flips; stops when the conformal error stops falling.
     """
-    plane = progress.run(_punctured_map, vertices, faces, laplacian)
-    best = _inverse_stereographic(plane)
+    best = start
     best_flips = flipped_faces(best, faces)
     best_error = mean_conformal_error(vertices, best, faces)
     current, pole = best, -1
