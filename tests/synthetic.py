@@ -20,6 +20,7 @@ from napari_unwrap3d.charts import (
     Volume,
 )
 from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.unwrapping.direct import Registration, direct_chart
 
 RADIUS = 4.0
 CENTRE = 6.0
@@ -161,9 +162,12 @@ def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
         stopped_by="total_curvature",
     )
     sealed = ({"kind": "handle", "position_um": [1.0, 2.0, 3.0], "volume_um3": 0.5},)
+    closed = SealedSurface(surface.vertices, faces, mask=cell, sealed=sealed)
+    everywhere = Registration(vertices, np.ones(len(vertices), bool))
     return Atlas(
         surface=surface,
-        sealed=SealedSurface(surface.vertices, faces, mask=cell, sealed=sealed),
+        sealed=closed,
+        direct=direct_chart(closed, vertices, np.eye(3), rows, everywhere),
         reference=reference,
         sphere=Sphere(vertices, faces, conformal=vertices, error_history=np.array([0.1, 0.01])),
         uv=make_uv(vertices, faces, rows),
@@ -177,6 +181,7 @@ def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
             "sphere": {"flipped_faces": 0, "mean_q": 1.003, "not_known": float("nan")},
             "uv": {"unlocated_pixels": 0},
             "topography": {"folded_cells": 0, "folded_fraction": 0.0},
+            "direct": {"flipped_faces": 0, "mean_abs_log_lambda": 0.1},
         },
         provenance={
             "versions": {"napari-unwrap3d": "0.1"},

@@ -1,7 +1,5 @@
 """Scalars and labels carried between charts."""
 
-import dataclasses
-
 import numpy as np
 import pytest
 
@@ -38,7 +36,7 @@ def array(carried) -> np.ndarray:
 def coarse(atlas: Atlas) -> Atlas:
     """The atlas with a volume of an eighth of the voxels, for maps of every voxel."""
     mask = Mask(atlas.mask.data[::2, ::2, ::2], (2 * VOXEL_UM,) * 3, atlas.mask.origin)
-    return dataclasses.replace(atlas, mask=mask)
+    return atlas.replaced(mask=mask)
 
 
 @pytest.mark.parametrize("source", CHARTS)

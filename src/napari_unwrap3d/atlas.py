@@ -104,6 +104,14 @@ class Atlas:
         """Whether a chart was computed."""
         return object.__getattribute__(self, chart) is not None
 
+    def replaced(self, **changes: Any) -> Atlas:
+        """The same atlas with other charts, parameters, quality or provenance.
+
+        Charts that were not computed stay so, which ``dataclasses.replace`` cannot do.
+        """
+        kept = {name: object.__getattribute__(self, name) for name in self.__dataclass_fields__}
+        return Atlas(**{**kept, **changes})
+
     def _compute(self, name: str) -> Any:
         """Make a chart that is computed on demand, and keep it with its numbers."""
         chart = direct(

@@ -18,13 +18,13 @@ import sys
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
 from .options import (
+    add_charts,
     add_comparing,
     add_output,
     add_parameters,
@@ -112,6 +112,7 @@ def _add_run(commands: Any) -> None:
         help="channels (number or name) whose 95th percentile down to 1 µm below the surface is "
         "written as fields signal_CHANNEL of it",
     )
+    add_charts(run)
     add_output(run, None)
 
 
@@ -156,6 +157,7 @@ def _add_demo(commands: Any) -> None:
     )
     demo.add_argument("--window", action="store_true", help="show the charts in napari")
     add_parameters(demo)
+    add_charts(demo)
     add_output(demo, DEMO_OUTPUT)
 
 
@@ -308,7 +310,8 @@ def _unwrap_and_export(
 
     formats = Formats.named(arguments.format)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
-        atlas = _named(Pipeline(source).run(parameters, progress), arguments)
+        until = "direct" if arguments.direct else "topography"
+        atlas = _named(Pipeline(source).run(parameters, progress, until), arguments)
         if signals is not None and arguments.signal:
             atlas = with_signals(atlas, signals, arguments.signal, progress.named("signal"))
         export_atlas(
@@ -351,7 +354,7 @@ def with_signals(atlas: Atlas, stack: Stack, channels: Sequence[str], progress: 
         # Names of fields in PLY files are words.
         name = re.sub(r"\W+", "_", channel)
         fields[f"signal_{name}"] = sample_signal(stack, atlas, channel, progress=part)
-    return replace(atlas, surface=atlas.surface.with_fields(**fields))
+    return atlas.replaced(surface=atlas.surface.with_fields(**fields))
 
 
 def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:
@@ -360,7 +363,7 @@ def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:
     if path is None or atlas.provenance["source"]["name"]:
         return atlas
     named = {**atlas.provenance["source"], "name": path.name}
-    return replace(atlas, provenance={**atlas.provenance, "source": named})
+    return atlas.replaced(provenance={**atlas.provenance, "source": named})
 
 
 def _print_choice(stack: Stack, parameters: Parameters, console: Console) -> None:

@@ -35,6 +35,15 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     )
 
 
+def add_charts(parser: argparse.ArgumentParser) -> None:
+    """Options for charts that are not always made."""
+    parser.add_argument(
+        "--direct",
+        action="store_true",
+        help="also make the direct chart: the whole surface on one image, one to one",
+    )
+
+
 def add_comparing(parser: argparse.ArgumentParser) -> None:
     """Options that say how two meshes are compared, and how the result is shown."""
     parser.add_argument("--scale", type=float, help="µm per unit of mesh files (default: 1)")

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import importlib.util
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +55,7 @@ def folder(atlas: Atlas, stack: Stack, tmp_path_factory: pytest.TempPathFactory)
 
 
 def test_the_promised_files_are_there_and_nothing_else(folder: Path) -> None:
-    assert {path.name for path in folder.iterdir()} == {*FILES, "meshes"}
+    assert {path.name for path in folder.iterdir()} == {*FILES, "meshes", "direct.ome.tif"}
     assert "pictures" in FOLDERS
 
 
@@ -104,7 +103,7 @@ def test_the_stack_is_sampled_at_the_nodes(atlas: Atlas, folder: Path) -> None:
 
 
 def test_without_a_stack_the_topography_is_the_mask(atlas: Atlas, tmp_path: Path) -> None:
-    few = replace(atlas, uv=None, sphere=None, reference=None, sealed=None)
+    few = atlas.replaced(uv=None, sphere=None, reference=None, sealed=None, direct=None)
     export_atlas(few, tmp_path / "out", pictures=False)
     image = tifffile.imread(tmp_path / "out" / "topography.ome.tif")
     np.testing.assert_array_equal(image.reshape(atlas.topography.shape), atlas.topography.mask)
@@ -131,7 +130,9 @@ def test_the_project_in_it_opens(atlas: Atlas, folder: Path) -> None:
 
 
 def test_a_folder_in_use_is_kept_unless_told_otherwise(atlas: Atlas, tmp_path: Path) -> None:
-    few = replace(atlas, uv=None, sphere=None, reference=None, sealed=None, topography=None)
+    few = atlas.replaced(
+        uv=None, sphere=None, reference=None, sealed=None, topography=None, direct=None
+    )
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "uv.ome.tif").write_text("of an earlier export")
     (tmp_path / "pictures").mkdir()
@@ -183,7 +184,7 @@ def test_other_formats_hold_the_same(atlas: Atlas, stack: Stack, tmp_path: Path)
     formats = Formats.named(["obj", "vtp", "ome-zarr"])
     export_atlas(atlas, tmp_path, stack=stack, pictures=False, formats=formats)
     names = {path.name for path in (tmp_path / "meshes").iterdir()}
-    stems = {"surface", "sealed", "reference", "sphere", "sphere_conformal"}
+    stems = {"surface", "sealed", "reference", "sphere", "sphere_conformal", "direct"}
     stems |= {"topographic_surface", "topographic_surface_duv"}
     textured = {f"{n}{s}" for n in ("surface", "reference", "sphere") for s in (".mtl", ".png")}
     assert names == {f"{stem}{suffix}" for stem in stems for suffix in (".obj", ".vtp")} | textured
@@ -207,7 +208,7 @@ def test_other_formats_hold_the_same(atlas: Atlas, stack: Stack, tmp_path: Path)
 def test_another_export_replaces_all_formats_of_the_earlier_one(
     atlas: Atlas, tmp_path: Path
 ) -> None:
-    few = replace(atlas, topography=None)
+    few = atlas.replaced(topography=None, direct=None)
     first = Formats.named(["ome-zarr", "obj"])
     export_atlas(few, tmp_path, pictures=False, formats=first)
     assert (tmp_path / "uv.ome.zarr").is_dir()

@@ -13,7 +13,12 @@ import pytest
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import Cancelled, FileFormatError, InputError
 from napari_unwrap3d.files import project
-from napari_unwrap3d.files.project import load_project, read_summary, save_project
+from napari_unwrap3d.files.project import (
+    SCHEMA_VERSION,
+    load_project,
+    read_summary,
+    save_project,
+)
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
 
@@ -66,8 +71,7 @@ def test_bits_survive_whatever_the_values_are(tmp_path: Path, atlas: Atlas) -> N
         "transposed": rng.random((4, n)).T,
         "Fläche µm²": rng.random(n) > 0.5,
     }
-    changed = replace(
-        atlas,
+    changed = atlas.replaced(
         topography=replace(atlas.topography, nodes=wild),
         surface=replace(atlas.surface, fields=fields),
     )
@@ -156,10 +160,13 @@ def test_foreign_files(tmp_path: Path) -> None:
 def test_a_newer_schema_is_refused_by_number(
     atlas: Atlas, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(project, "SCHEMA_VERSION", 2)
+    monkeypatch.setattr(project, "SCHEMA_VERSION", SCHEMA_VERSION + 1)
     path = save_project(atlas, tmp_path / "new.unwrap3d")
-    monkeypatch.setattr(project, "SCHEMA_VERSION", 1)
-    with pytest.raises(FileFormatError, match="file_schema = 2, known_schema = 1"):
+    monkeypatch.setattr(project, "SCHEMA_VERSION", SCHEMA_VERSION)
+    with pytest.raises(
+        FileFormatError,
+        match=rf"file_schema = {SCHEMA_VERSION + 1}, known_schema = {SCHEMA_VERSION}",
+    ):
         load_project(path)
 
 
@@ -181,5 +188,5 @@ def test_nothing_half_written_stays(atlas: Atlas, tmp_path: Path) -> None:
 def test_fields_that_cannot_be_kept_are_named(atlas: Atlas, tmp_path: Path) -> None:
     names = np.array(["a"] * len(atlas.surface.vertices))
     with pytest.raises(InputError, match="integer labels"):
-        save_project(replace(atlas, surface=atlas.surface.with_fields(kind=names)), tmp_path / "a")
+        save_project(atlas.replaced(surface=atlas.surface.with_fields(kind=names)), tmp_path / "a")
     assert not list(tmp_path.iterdir())

@@ -58,7 +58,7 @@ class FakePipeline:
             chart = getattr(self.atlas, name) if name in self.charts else None
             self.kept[step] = Kept(key, chart, dict(self.atlas.quality.get(step, {})), 0.25)
         missing = {name: None for name in EVERY_CHART if name not in self.charts}
-        return replace(self.atlas, **missing)  # type: ignore[arg-type]
+        return self.atlas.replaced(**missing)
 
     def state(self, parameters: Parameters) -> dict[str, str]:
         states = {}

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import UV, Reference, Sphere, Surface, Topography
+from ..charts import UV, Direct, Reference, SealedSurface, Sphere, Surface, Topography
 from ..errors import FileFormatError
 
 
@@ -44,6 +44,8 @@ def check_charts(charts: Mapping[str, Any]) -> None:
         _check_uv(uv, reference)
     if topography is not None:
         _check_topography(topography, uv, surface)
+    if charts.get("direct") is not None:
+        _check_direct(charts["direct"], charts.get("sealed"))
 
 
 def _check_sphere(sphere: Sphere, reference: Reference | None) -> None:
@@ -82,6 +84,23 @@ def _check_topography(chart: Topography, uv: UV | None, surface: Surface | None)
     if surface is not None:
         _shape("image of the surface", chart.surface, surface.vertices.shape)
         _within("origin of the cut", chart.cut_origin, 0, len(surface.vertices))
+
+
+def _check_direct(chart: Direct, sealed: SealedSurface | None) -> None:
+    size = len(chart.vertices)
+    _shape("rotation", chart.rotation, (3, 3))
+    _shape("weights", chart.weights, (*chart.shape, 3))
+    _shape("owner", chart.owner, chart.shape)
+    _shape("registered", chart.registered, (size, 3))
+    for name in ("spokesman", "cortex"):
+        _shape(name, getattr(chart, name), (size,))
+    _within("face of a pixel", chart.face, 0, len(chart.faces))
+    for name in ("owner", "spokesman"):
+        _within(name, getattr(chart, name), 0, size)
+    if sealed is not None:
+        same = np.array_equal(chart.faces, sealed.faces)
+        _require(same, "The direct chart has other faces than the sealed surface")
+        _shape("direct chart", chart.vertices, sealed.vertices.shape)
 
 
 def _require(holds: bool, what: str, **measured: Any) -> None:

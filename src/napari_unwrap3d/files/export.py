@@ -45,6 +45,8 @@ FILES = (
 )
 OTHER_FILES = (
     "uv.ome.zarr",
+    "direct.ome.tif",
+    "direct.ome.zarr",
     "topography.ome.zarr",
     "topography_layers.parquet",
     "quality.parquet",
@@ -193,6 +195,9 @@ def _meshes(atlas: Atlas) -> Iterator[tuple[str, Floats, Ints, Mapping[str, Any]
             chart = getattr(atlas, name)
             fields = atlas.reference.fields if name == "sphere" else chart.fields
             yield name, chart.vertices, chart.faces, fields
+    if atlas.has("direct"):
+        direct = atlas.direct
+        yield "direct", direct.vertices, direct.faces, {"cortex": direct.cortex.astype(np.uint8)}
     if atlas.has("sphere"):
         sphere = atlas.sphere
         yield "sphere_conformal", sphere.conformal, sphere.faces, atlas.reference.fields
@@ -212,6 +217,14 @@ def _write_images(
         image = np.stack([np.asarray(field, dtype=np.float32) for field in fields.values()])
         for suffix in formats.images:
             _write_image(folder / f"uv{suffix}", image, "cyx", tuple(fields))
+    if atlas.has("direct"):
+        carried = {
+            name: atlas.carry(np.nan_to_num(field), "surface", "direct")
+            for name, field in atlas.surface.fields.items()
+        }
+        image = np.stack([field.astype(np.float32) for field in carried.values()])
+        for suffix in formats.images:
+            _write_image(folder / f"direct{suffix}", image, "cyx", tuple(carried))
     report(0.1, "uv image")
     if atlas.has("topography"):
         d_um = atlas.topography.d_um

@@ -201,6 +201,33 @@ def draw_uv(atlas: Atlas) -> Figure:
     return figure
 
 
+def draw_direct(atlas: Atlas) -> Figure:
+    """The direct image: every sheet of the surface, where the uv image shows the outermost."""
+    chart = atlas.direct
+    rows, columns = chart.shape
+    numbers = atlas.quality.get("direct", {})
+    figure = new_figure(
+        11.0,
+        11.3,
+        "Direct image: the whole surface, one to one",
+        f"{columns} × {rows} pixels; {chart.cortex.mean():.0%} of the vertices are tied to their "
+        f"place in the uv image; mean |log λ| = {numbers.get('mean_abs_log_lambda', math.nan):.3f}",
+    )
+    wanted = [
+        (CURVATURE, "mean curvature of the surface", curvature_colours),
+        ("height_um", "height over the reference", _height_colours),
+    ]
+    wanted = [item for item in wanted if item[0] in atlas.surface.fields]
+    panels = figure.subplots(max(len(wanted), 1), 1, squeeze=False)[:, 0]
+    for axes, (name, title, colours_of) in zip(panels, wanted, strict=False):
+        values = np.nan_to_num(atlas.surface.fields[name])
+        image = atlas.carry(values, "surface", "direct")
+        colours = colours_of(image)
+        uv_panel(axes, image, colours, title)
+        colour_bar(figure, colours, axes)
+    return figure
+
+
 def _height_colours(values: npt.NDArray[Any]) -> Colours:
     return sequential(values, "height d (µm)", "cividis")
 
@@ -425,4 +452,5 @@ PICTURES: dict[str, tuple[Callable[[Atlas], Figure], tuple[str, ...]]] = {
     "uv_distortion": (draw_uv_distortion, ("uv",)),
     "chessboard": (draw_chessboard, ("reference", "sphere", "uv")),
     "topography": (draw_topography, ("topography", "uv")),
+    "direct": (draw_direct, ("direct", "surface")),
 }

@@ -1,6 +1,6 @@
 """The project file: one atlas in one ``*.unwrap3d`` file (Zarr v3 in a zip).
 
-Layout, schema version 1::
+Layout, schema version 2 (1 has no direct chart and no cuts)::
 
     /              attributes: format, schema_version, parameters (TOML text), quality,
                    provenance (JSON)
@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from ..atlas import Atlas
 
 FORMAT = "napari-unwrap3d project"
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
 

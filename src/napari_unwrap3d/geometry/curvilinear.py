@@ -322,8 +322,9 @@ def _lowest_determinant(nodes, a, b, c, e, p):  # type: ignore[no-untyped-def]
     lowest = 1e300
     total = 0.0
     for j in range(2):
-        if (b == 0 and j == 0) or (b == rows - 2 and j == 1):
-            continue
+        # On a pole ∂/∂u vanishes; its direction is that of the row beside it.
+        at_pole = (b == 0 and j == 0) or (b == rows - 2 and j == 1)
+        beside = 1 - j if at_pole else j
         for i in range(2):
             for k in range(2):
                 d0 = p[1, j, k, 0] - p[0, j, k, 0]
@@ -332,11 +333,11 @@ def _lowest_determinant(nodes, a, b, c, e, p):  # type: ignore[no-untyped-def]
                 v0 = p[i, 1, k, 0] - p[i, 0, k, 0]
                 v1 = p[i, 1, k, 1] - p[i, 0, k, 1]
                 v2 = p[i, 1, k, 2] - p[i, 0, k, 2]
-                u0 = p[i, j, 1, 0] - p[i, j, 0, 0]
-                u1 = p[i, j, 1, 1] - p[i, j, 0, 1]
-                u2 = p[i, j, 1, 2] - p[i, j, 0, 2]
+                u0 = p[i, beside, 1, 0] - p[i, beside, 0, 0]
+                u1 = p[i, beside, 1, 1] - p[i, beside, 0, 1]
+                u2 = p[i, beside, 1, 2] - p[i, beside, 0, 2]
                 det = d0 * (u1 * v2 - u2 * v1) + d1 * (u2 * v0 - u0 * v2) + d2 * (u0 * v1 - u1 * v0)
-                total += det
+                total += 0.0 if at_pole else det
                 if not det >= lowest:
                     lowest = det if det < lowest else -1e300
     return lowest, total

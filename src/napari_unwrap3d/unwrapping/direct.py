@@ -79,16 +79,32 @@ def direct(
         ),
     )
     progress(0.95, "drawing the image")
-    rows = parameters.rows
-    locator = progress.run(SphericalLocator, directions @ uv.rotation.T, sealed.faces)
+    return progress.run(direct_chart, sealed, directions, uv.rotation, parameters.rows, places)
+
+
+def direct_chart(
+    sealed: SealedSurface, directions: Floats, rotation: Floats, rows: int, places: Registration
+) -> Direct:
+    """The chart of an embedding: its image, and which vertex each pixel belongs to.
+
+    Parameters
+    ----------
+    directions : ndarray, (n, 3)
+        Unit vectors in the sphere's frame, without flips.
+    rotation : ndarray, (3, 3)
+        The unwrapping rotation.
+    rows : int
+        N.
+    """
+    turned = directions @ rotation.T
     pixels = uv_to_direction(pixel_grid(rows).reshape(-1, 2), rows)
-    face, weights = progress.run(locator.locate, pixels)
+    face, weights = SphericalLocator(turned, sealed.faces).locate(pixels)
     owner = sealed.faces[face, weights.argmax(axis=1)]
-    _give_pixels(owner, direction_to_uv(directions @ uv.rotation.T, rows), rows)
+    _give_pixels(owner, direction_to_uv(turned, rows), rows)
     return Direct(
         vertices=directions,
         faces=sealed.faces,
-        rotation=uv.rotation,
+        rotation=rotation,
         face=face.reshape(rows, 2 * rows),
         weights=weights.reshape(rows, 2 * rows, 3),
         owner=owner.reshape(rows, 2 * rows),
