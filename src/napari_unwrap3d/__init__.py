@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .charts import (
         UV,
         Mask,
+        Plane,
         Reference,
         SealedSurface,
         Sphere,
@@ -46,6 +47,7 @@ _LAZY = {
     "Atlas": "atlas",
     "load": "atlas",
     "Mask": "charts",
+    "Plane": "charts",
     "Reference": "charts",
     "SealedSurface": "charts",
     "Sphere": "charts",
@@ -68,6 +70,7 @@ __all__ = [
     "Mask",
     "Parameters",
     "Pipeline",
+    "Plane",
     "Progress",
     "Reference",
     "SealedSurface",

@@ -262,6 +262,38 @@ class TopographyParameters(StepParameters):
     )
 
 
+class PlaneParameters(StepParameters):
+    """Plane (Step 7): the topographic surface flattened, on request."""
+
+    compute: bool = setting(
+        False, "Compute the plane", "Flatten the topographic surface to the (u, v) plane, too."
+    )
+    laplacian: Literal["automatic", "cotangent", "positive"] = setting(
+        "automatic",
+        "Laplacian",
+        "cotangent: keeps angles best; positive: its weights are raised above zero, so that no "
+        "face flips in the limit; automatic: cotangent, and positive where that flips faces.",
+        source="Methods, Conformalized mean curvature flow for flattening topographic surfaces",
+    )
+    delta: float = setting(
+        5e4,
+        "Time step δ",
+        "Stiffness of the flow; a smaller one flattens more slowly.",
+        unit="pixels²",
+        source="Datasets, 5e4",
+        gt=0,
+        le=1e8,
+    )
+    iterations: int = setting(
+        10,
+        "Iterations",
+        "Upper limit of topographic cMCF iterations; fewer when nothing moves any more.",
+        source="Datasets, 10",
+        ge=1,
+        le=200,
+    )
+
+
 class Parameters(StepParameters):
     """All parameters of the pipeline, one group per step."""
 
@@ -274,6 +306,7 @@ class Parameters(StepParameters):
     topography: TopographyParameters = Field(
         default_factory=TopographyParameters, title="Topography"
     )
+    plane: PlaneParameters = Field(default_factory=PlaneParameters, title="Plane")
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

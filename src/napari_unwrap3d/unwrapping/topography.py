@@ -307,6 +307,17 @@ class TopographyLocator:
         return np.column_stack([d, vu])
 
 
+def locate_in_columns(
+    chart: Topography, points: Floats, voxel_um: float, progress: Progress
+) -> Floats:
+    """(d µm, v, u) of points (n, 3) in µm, NaN where no column reaches."""
+    locator = TopographyLocator(chart.nodes, chart.d_um, voxel_um)
+    image, _ = locator.locate(points, progress)
+    grid = _to_grid(image, chart.d_um, chart.shape[1])
+    image[~_in_columns(grid, chart.first_layer, chart.last_layer)] = np.nan
+    return image
+
+
 def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:
     """Positions (n, 3) in µm of points (d µm, v, u), and whether they are in the space."""
     grid = _to_grid(points, chart.d_um, chart.shape[1])
