@@ -16,6 +16,7 @@ from .charts import (
     UV,
     Floats,
     Mask,
+    Plane,
     Reference,
     SealedSurface,
     Sphere,
@@ -24,11 +25,13 @@ from .charts import (
     Volume,
 )
 from .errors import AxesError, ChartMissingError
+from .geometry.flat import FlatSphere
 from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
 from .geometry.padding import wrap_uv
 from .parameters import Parameters
 from .progress import Progress, silent
 from .unwrapping.outermost import OutermostSurface
+from .unwrapping.plane import flat_sphere, is_same_mesh
 from .unwrapping.topography import TopographyLocator, topography_to_world
 from .unwrapping.uv import direction_to_uv, uv_to_direction
 
@@ -37,6 +40,8 @@ Valid = npt.NDArray[np.bool_]
 Mapped = tuple[Floats, Valid]
 
 COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
+# Charts that are computed on request.
+REQUESTED = {"plane": 2}
 # Each chart is one step of the method away from the next; maps are composed along it.
 CHAIN = ("volume", "topography", "uv", "sphere", "reference")
 ON_SURFACE_VOXELS = 1.0
@@ -48,7 +53,7 @@ class Atlas:
 
     Attributes
     ----------
-    surface, sealed, reference, sphere, uv, topography
+    surface, sealed, reference, sphere, uv, topography, plane
         The charts; see :mod:`napari_unwrap3d.charts`. Reading one that was not computed
         raises :class:`ChartMissingError`.
     mask : Mask
@@ -58,6 +63,8 @@ class Atlas:
         How good every chart is, JSON-able.
     provenance : mapping
         Version, input, seeds, timings and automatic repairs, JSON-able.
+    on_request : mapping
+        The charts that are computed on request, by name; read them as ``atlas.plane``.
     """
 
     surface: Surface
@@ -70,6 +77,7 @@ class Atlas:
     parameters: Parameters = field(default_factory=Parameters)
     quality: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    on_request: Mapping[str, Any] = field(default_factory=dict)
 
     def __getattribute__(self, name: str) -> Any:
         value = object.__getattribute__(self, name)
@@ -82,7 +90,17 @@ class Atlas:
 
     def has(self, chart: str) -> bool:
         """Whether a chart was computed."""
+        if chart in REQUESTED:
+            return chart in self.on_request
         return object.__getattribute__(self, chart) is not None
+
+    @property
+    def plane(self) -> Plane:
+        """The flattened surface; one that was not computed or refused is an error."""
+        if "plane" not in self.on_request:
+            raise _requested_missing("plane", self.quality.get("plane", {}))
+        chart: Plane = self.on_request["plane"]
+        return chart
 
     @property
     def voxel_um(self) -> float:
@@ -97,10 +115,10 @@ class Atlas:
         Parameters
         ----------
         points : array-like, (n, k)
-            surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv:
-            (v, u) in pixels; topography: (d µm, v, u).
+            surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv,
+            plane: (v, u) in pixels; topography: (d µm, v, u).
         source, target : str
-            "surface", "reference", "volume", "sphere", "uv" or "topography".
+            "surface", "reference", "volume", "sphere", "uv", "topography" or "plane".
 
         Returns
         -------
@@ -110,7 +128,8 @@ class Atlas:
             Whether a point has an image: inside the mapped shell around the reference, on the
             surface within a voxel, over a pixel whose normal meets the surface.
             From uv, sphere and reference to the surface the image is the outermost crossing;
-            from uv to topography it is d = 0.
+            from uv to topography it is d = 0. Plane and surface are one to one, but for what
+            was sealed.
 
         Raises
         ------
@@ -120,14 +139,15 @@ class Atlas:
             The points have the wrong number of coordinates.
         """
         current = np.array(points, dtype=np.float64)
+        coordinates = COORDINATES | REQUESTED
         for name in (source, target):
-            if name not in COORDINATES:
+            if name not in coordinates:
                 raise ChartMissingError(
-                    f"There is no chart {name!r}.", hint=f"Charts: {', '.join(COORDINATES)}."
+                    f"There is no chart {name!r}.", hint=f"Charts: {', '.join(coordinates)}."
                 )
-        if current.ndim != 2 or current.shape[1] != COORDINATES[source]:
+        if current.ndim != 2 or current.shape[1] != coordinates[source]:
             raise AxesError(
-                f"Points of {source} have {COORDINATES[source]} coordinates.",
+                f"Points of {source} have {coordinates[source]} coordinates.",
                 shape=current.shape,
             )
         width = current.shape[1]
@@ -147,6 +167,10 @@ class Atlas:
         """The maps to compose, in order."""
         if source == target:
             return []
+        if source == "plane":
+            return [self._plane_to_surface, *self._route("surface", target)]
+        if target == "plane":
+            return [*self._route(source, "surface"), self._surface_to_plane]
         if target == "surface":
             if source in ("volume", "topography"):
                 return [*self._route(source, "volume"), self._volume_to_surface]
@@ -202,6 +226,18 @@ class Atlas:
         _, _, distance = self._surface_locator.closest(points)
         return points, distance <= ON_SURFACE_VOXELS * self.voxel_um
 
+    def _plane_to_surface(self, points: Floats) -> Mapped:
+        face, weights = self._flat_sphere.locate(points)
+        mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
+        if not self.plane.of_sealed:
+            return mapped, np.ones(len(points), bool)
+        return self._volume_to_surface(mapped)
+
+    def _surface_to_plane(self, points: Floats) -> Mapped:
+        face, weights, distance = self._sealed_locator.closest(points)
+        near = distance <= ON_SURFACE_VOXELS * self.voxel_um
+        return self._flat_sphere.at(face, weights), near
+
     # Locators, built when first needed ---------------------------------------------
 
     @cached_property
@@ -215,6 +251,16 @@ class Atlas:
     @cached_property
     def _surface_locator(self) -> SurfaceLocator:
         return SurfaceLocator(self.surface.vertices, self.surface.faces)
+
+    @cached_property
+    def _sealed_locator(self) -> SurfaceLocator:
+        if is_same_mesh(self.surface, self.sealed):
+            return self._surface_locator
+        return SurfaceLocator(self.sealed.vertices, self.sealed.faces)
+
+    @cached_property
+    def _flat_sphere(self) -> FlatSphere:
+        return flat_sphere(self.plane, self.sealed.faces)
 
     @cached_property
     def _topography_locator(self) -> TopographyLocator:
@@ -244,7 +290,8 @@ class Atlas:
         Parameters
         ----------
         values : array-like or Volume
-            surface, reference, sphere: one per vertex; uv: (N, 2N); topography: (D, N, 2N);
+            surface, reference, sphere: one per vertex; uv, plane: (N, 2N); topography:
+            (D, N, 2N);
             volume: a :class:`Volume`.
         source, target : str
             As in :meth:`map`.
@@ -267,6 +314,19 @@ class Atlas:
         from .files.project import save_project
 
         return save_project(self, path)
+
+
+def _requested_missing(name: str, numbers: Mapping[str, Any]) -> ChartMissingError:
+    """Why a chart that is computed on request is not there, and how to get it."""
+    if "reason" in numbers:
+        return ChartMissingError(
+            f"The {name} was refused: {numbers['reason']}", hint=str(numbers.get("hint", ""))
+        )
+    return ChartMissingError(
+        f"The atlas has no {name}: it is computed on request only.",
+        hint=f'Ask for it by Pipeline(...).run(parameters, until="{name}"), by the parameter '
+        f"{name}.compute, or by `napari-unwrap3d run --{name}`.",
+    )
 
 
 def load(path: str | Path) -> Atlas:

@@ -33,6 +33,8 @@ def carry(
     given = _checked(atlas, values, source, kind)
     if source == target or {source, target} == {"reference", "sphere"}:
         return given
+    if source == "plane" and target == "topography":
+        given, source = carry(atlas, given, "plane", "surface", kind, progress), "surface"
     if target == "topography":
         return _to_topography(atlas, given, source, kind, progress)
     if source in ("reference", "sphere") and target == "uv":
@@ -87,7 +89,7 @@ def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
 def _shape(atlas: Atlas, chart: str) -> tuple[int, ...]:
     if chart in MESHES:
         return (len(getattr(atlas, chart).vertices),)
-    if chart in ("uv", "topography"):
+    if chart in ("uv", "topography", "plane"):
         shape: tuple[int, ...] = getattr(atlas, chart).shape
         return shape
     raise ChartMissingError(f"Values cannot be carried from {chart!r}.")
@@ -98,8 +100,9 @@ def _sample_points(atlas: Atlas, target: str) -> tuple[Floats, tuple[int, ...]]:
     if target in MESHES:
         vertices = getattr(atlas, target).vertices
         return vertices, (len(vertices),)
-    if target == "uv":
-        return pixel_grid(atlas.uv.shape[0]).reshape(-1, 2), atlas.uv.shape
+    if target in ("uv", "plane"):
+        shape = getattr(atlas, target).shape
+        return pixel_grid(shape[0]).reshape(-1, 2), shape
     if target == "volume":
         index = np.indices(atlas.mask.shape).reshape(3, -1).T
         return atlas.mask.to_world(index), atlas.mask.shape
@@ -147,7 +150,7 @@ def _reader(
 ) -> Callable[[Floats], npt.NDArray[Any]]:
     """What reads the values of the source at points in its coordinates."""
     label = kind == "label"
-    if source == "uv":
+    if source in ("uv", "plane"):
         return partial(sample_uv_nearest if label else sample_uv_linear, values)
     if source == "topography":
         return lambda points: _sample_topography(atlas, values, points, label)

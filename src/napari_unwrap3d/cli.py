@@ -94,6 +94,7 @@ def _add_run(commands: Any) -> None:
     run.add_argument("--timepoint", type=int, help="timepoint (from 0)")
     run.add_argument("--label", type=int, help="the stack is a label image: the cell's label")
     run.add_argument("--mask", action="store_true", help="the stack is a mask: not 0 is cell")
+    run.add_argument("--plane", action="store_true", help="flatten the surface to a plane, too")
     add_output(run, None)
 
 

@@ -65,6 +65,8 @@ def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
     _merge(values, {"stack": single} if single else {})
     for setting in arguments.set:
         _merge(values, _parsed_setting(setting))
+    if getattr(arguments, "plane", False):
+        _merge(values, {"plane": {"compute": True}})
     return Parameters.from_dict(values)
 
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from .atlas import Atlas
 from .charts import Mask, Stack, Surface
-from .errors import InputError, ParameterError
+from .errors import InputError, NotCertifiedError, ParameterError
 from .imaging.segment import check_mask, segment
 from .parameters import Parameters
 from .progress import Progress
@@ -25,6 +25,7 @@ from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
 from .unwrapping import measure
 from .unwrapping.outermost import OutermostSurface
+from .unwrapping.plane import plane
 from .unwrapping.reference import reference
 from .unwrapping.solid import closed_mesh, mask_of_mesh
 from .unwrapping.sphere import sphere
@@ -102,7 +103,8 @@ class Pipeline:
         parameters : Parameters, optional
         progress : Progress, or callable(step, fraction, message), optional
         until : str
-            The last step to run.
+            The last step to run. Steps that are run on request (:data:`ON_REQUEST`) run when
+            they are named here or asked for by a parameter.
 
         Raises
         ------
@@ -113,9 +115,9 @@ class Pipeline:
         """
         chosen = parameters if parameters is not None else Parameters()
         report = progress if isinstance(progress, Progress) else Progress(progress)
-        if until not in STEP_NAMES:
-            raise ParameterError(f"There is no step {until!r}.", hint=f"Steps: {STEP_NAMES}.")
-        for step in STEPS[: STEP_NAMES.index(until) + 1]:
+        if until not in _BY_NAME:
+            raise ParameterError(f"There is no step {until!r}.", hint=f"Steps: {[*_BY_NAME]}.")
+        for step in _wanted(until, chosen):
             key = self._key(step, chosen)
             if step.name in self.kept and self.kept[step.name].key == key:
                 continue
@@ -131,9 +133,14 @@ class Pipeline:
         return self._atlas(chosen, until)
 
     def state(self, parameters: Parameters) -> dict[str, str]:
-        """Step → "done", "stale" (a parameter or an input changed) or "missing"."""
+        """Step → "done", "stale" (a parameter or an input changed) or "missing".
+
+        A step that is run on request appears once it was asked for.
+        """
         states: dict[str, str] = {}
-        for step in STEPS:
+        for step in (*STEPS, *ON_REQUEST):
+            if step in ON_REQUEST and not (step.name in self.kept or _asked(step, parameters)):
+                continue
             if step.name not in self.kept:
                 states[step.name] = "missing"
             else:
@@ -143,7 +150,10 @@ class Pipeline:
 
     def _key(self, step: Step, parameters: Parameters) -> str:
         """Depends on the source, this step's parameters and, recursively, its inputs'."""
-        own = [getattr(parameters, group).model_dump_json() for group in step.parameters]
+        own = [
+            getattr(parameters, group).model_dump_json(exclude={"compute"})
+            for group in step.parameters
+        ]
         inputs = [self._key(_BY_NAME[name], parameters) for name in step.needs]
         return content_hash(STEP_VERSION, step.name, self._source_key, own, inputs)
 
@@ -152,20 +162,22 @@ class Pipeline:
         return self.kept[name].value
 
     def _atlas(self, parameters: Parameters, until: str) -> Atlas:
-        shown = _shown(until)
+        shown = [step.name for step in _wanted(until, parameters)]
         charts: dict[str, Any] = {
-            name: self.kept[name].value if name in shown else None for name in STEP_NAMES
+            name: self.kept[name].value if name in shown else None for name in _BY_NAME
         }
         mask = charts.pop("stack")
+        requested = {step.name: charts.pop(step.name) for step in ON_REQUEST}
         if charts["topography"] is not None:
             charts |= _with_heights(charts)
-        kept = {name: self.kept[name] for name in STEP_NAMES if name in self.kept}
+        kept = {name: self.kept[name] for name in _BY_NAME if name in self.kept}
         numbers = {name: item.numbers for name, item in kept.items() if name in shown}
         return Atlas(
             mask=mask,
             parameters=parameters,
             quality=numbers,
             provenance=self._provenance(kept, numbers),
+            on_request={name: chart for name, chart in requested.items() if chart is not None},
             **charts,
         )
 
@@ -216,8 +228,16 @@ def unwrap(
     return Pipeline(source).run(parameters, progress)
 
 
-def _shown(until: str) -> tuple[str, ...]:
-    return STEP_NAMES[: STEP_NAMES.index(until) + 1]
+def _wanted(until: str, parameters: Parameters) -> list[Step]:
+    """The steps to run: those up to `until`, and after the last of them what was asked for."""
+    if until in STEP_NAMES[:-1]:
+        return list(STEPS[: STEP_NAMES.index(until) + 1])
+    asked = [step for step in ON_REQUEST if step.name == until or _asked(step, parameters)]
+    return [*STEPS, *asked]
+
+
+def _asked(step: Step, parameters: Parameters) -> bool:
+    return any(getattr(getattr(parameters, g), "compute", False) for g in step.parameters)
 
 
 def _source_key(source: Source) -> str:
@@ -308,6 +328,26 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
     return chart, measure.measure_topography(cell, chart, mask.voxel_size[0])
 
 
+def _plane(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+    """A plane that is not certified is no failure: the atlas goes without, and says why."""
+    cell, sealed = pipeline.value("surface"), pipeline.value("sealed")
+    voxel_um = pipeline.value("stack").voxel_size[0]
+    try:
+        chart = plane(
+            cell,
+            sealed,
+            pipeline.value("uv"),
+            pipeline.value("topography"),
+            voxel_um,
+            parameters.plane,
+            progress.part(0.0, 0.9),
+        )
+    except NotCertifiedError as error:
+        return None, measure.measure_refusal(error)
+    progress(0.9, "measuring the plane")
+    return chart, progress.run(measure.measure_plane, cell, sealed, chart, voxel_um)
+
+
 STEPS = (
     Step("stack", _stack, ("stack",), ()),
     Step("surface", _surface, ("surface",), ("stack",)),
@@ -318,4 +358,6 @@ STEPS = (
     Step("topography", _topography, ("topography", "surface"), ("uv",)),
 )
 STEP_NAMES = tuple(step.name for step in STEPS)
-_BY_NAME = {step.name: step for step in STEPS}
+# Not everyone needs these, and they take time.
+ON_REQUEST = (Step("plane", _plane, ("plane",), ("topography", "sealed")),)
+_BY_NAME = {step.name: step for step in (*STEPS, *ON_REQUEST)}

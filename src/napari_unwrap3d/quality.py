@@ -117,6 +117,16 @@ LIMITS: dict[tuple[str, str], Limit] = {
     ("topography", "volume_difference"): Limit(
         "volume of S_topo against the surface", 0.01, 0.03, "relative difference", absolute=True
     ),
+    ("plane", "certified"): Limit(
+        "certified one to one", 1, 1, "otherwise the plane is refused", least=True
+    ),
+    ("plane", "flipped_faces"): Limit("flipped faces", 0, 0, _FLIPS),
+    ("plane", "covered_once_fraction"): Limit(
+        "pixels covered exactly once (fraction)", 1, 1, "one to one", least=True
+    ),
+    ("plane", "round_trip_fraction"): Limit(
+        "vertices that come back within 0.05 pixel", 0.999, 0.99, "there and back", least=True
+    ),
 }
 
 
@@ -130,6 +140,7 @@ KEY_NUMBERS = {
     ("sphere", "blend"): "blend (0 conformal, 1 equiareal)",
     ("topography", "outward_um"): "mapped outwards (µm)",
     ("topography", "inward_um"): "mapped inwards (µm)",
+    ("plane", "mean_abs_log_lambda"): "mean |log λ|",
 }
 
 

@@ -42,7 +42,7 @@ FORMAT = "napari-unwrap3d project"
 SCHEMA_VERSION = 1
 SUFFIX = ".unwrap3d"
 
-CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "mask")
+CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "plane", "mask")
 CHUNK_BYTES = 48 * 2**20
 SMOOTH_GRIDS = ("nodes", "positions")
 
@@ -306,7 +306,7 @@ def read_summary(path: str | Path) -> dict[str, Any]:
 def _load(path: Path, report: Progress) -> Atlas:
     from zarr.storage import ZipStore
 
-    from ..atlas import Atlas
+    from ..atlas import REQUESTED, Atlas
 
     with zipfile.ZipFile(path) as archive:
         entries = frozenset(archive.namelist())
@@ -314,12 +314,15 @@ def _load(path: Path, report: Progress) -> Atlas:
         root = _open_root(store, path)
         summary = _root(root)
         present = [name for name in CHARTS if name in root]
-        loaded: dict[str, Any] = dict.fromkeys(CHARTS)
+        loaded: dict[str, Any] = {name: None for name in CHARTS if name not in REQUESTED}
+        requested: dict[str, Any] = {}
         for index, name in enumerate(present):
             report(index / len(present), f"reading {name}")
-            loaded[name] = _read_group(root[name], entries, report)
+            group = requested if name in REQUESTED else loaded
+            group[name] = _read_group(root[name], entries, report)
     return Atlas(
         **loaded,
+        on_request=requested,
         parameters=Parameters.from_toml(str(summary["parameters"])),
         quality=summary["quality"],
         provenance=summary["provenance"],

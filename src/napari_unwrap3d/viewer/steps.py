@@ -20,6 +20,7 @@ TITLES = {
     "sphere": "Sphere",
     "uv": "uv",
     "topography": "Topography",
+    "plane": "Plane",
 }
 
 MARKS = {

@@ -321,7 +321,8 @@ class UnwrapWidget(QWidget):
         self._update_ready()
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:
-        position = STEP_NAMES.index(step)
+        # Steps that run on request come after the others, and have no row of their own.
+        position = STEP_NAMES.index(step) if step in STEP_NAMES else len(STEP_NAMES) - 1
         self.progress_bar.setValue(round(1000 * (position + fraction) / len(STEP_NAMES)))
         self.progress_bar.setFormat(f"{position + 1}/{len(STEP_NAMES)} {TITLES[step]}")
         if self.session.running and message:
