@@ -239,6 +239,34 @@ class TopographyParameters(StepParameters):
         ge=0.1,
         le=2,
     )
+    automatic_step: bool = setting(
+        False,
+        "Automatic α",
+        "α is half the mean sum of a pixel's steps in u and v on the reference, at most ½ voxel.",
+        source="Datasets, min(0.5, ½ (Δu + Δv))",
+    )
+    propagation: Literal["streamlines", "active_contour"] = setting(
+        "streamlines",
+        "Propagation",
+        "streamlines: each pixel's normal is followed on its own, and normals cannot cross; "
+        "active_contour: the whole layer moves as an elastic sheet, which is slower.",
+        source="Methods, Step 5 and Mesh displacement by active contour cMCF",
+    )
+    contour_delta: float = setting(
+        5e-4,
+        "Contour δ",
+        "Stiffness of the active contour (unit-area surface).",
+        source="Datasets, 5e-4",
+        gt=0,
+        le=1,
+    )
+    contour_smoothing: Literal["none", "robust", "box"] = setting(
+        "robust",
+        "Contour smoothing",
+        "How the active contour's displacements are smoothed over (u, v): robust: splines that "
+        "outliers do not pull (doi:10.1016/j.csda.2009.09.020); box: mean of 5 × 5 pixels.",
+        source="Datasets, uniform box filter of 5 pixels",
+    )
     depth_um: float | None = setting(
         None,
         "Depth D_in",
