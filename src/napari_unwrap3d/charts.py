@@ -438,7 +438,7 @@ class Plane:
     of_sealed : bool
         Whether something had to be sealed, so that not the surface itself is flattened.
     laplacian : str
-        The weights that gave it, "cotangent" or "positive".
+        The weights that gave it: "robust", "cotangent" or "positive".
     iterations : int
         Iterations of the topographic cMCF.
     fields : mapping of str to ndarray, (N, 2N)
@@ -453,7 +453,7 @@ class Plane:
     weights: Floats
     positions: Floats
     of_sealed: bool = False
-    laplacian: str = "cotangent"
+    laplacian: str = "robust"
     iterations: int = 0
     fields: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
 

@@ -296,12 +296,13 @@ class PlaneParameters(StepParameters):
     compute: bool = setting(
         False, "Compute the plane", "Flatten the topographic surface to the (u, v) plane, too."
     )
-    laplacian: Literal["automatic", "cotangent", "positive"] = setting(
+    laplacian: Literal["automatic", "robust", "cotangent", "positive"] = setting(
         "automatic",
         "Laplacian",
-        "cotangent: keeps angles best; positive: its weights are raised above zero, so that no "
-        "face flips in the limit; automatic: cotangent, and positive where that flips faces.",
-        source="Methods, Conformalized mean curvature flow for flattening topographic surfaces",
+        "robust: of the intrinsic Delaunay triangulation, keeps angles best; cotangent: of the "
+        "triangles as they are; positive: cotangents raised above zero, so that no face flips "
+        "in the limit; automatic: robust, and positive where that flips faces.",
+        source="Datasets, robust mesh Laplacian",
     )
     delta: float = setting(
         5e4,

@@ -230,7 +230,7 @@ def test_a_turn_of_u_more_or_less_does_not_matter() -> None:
 def test_a_smaller_step_flattens_less() -> None:
     image, faces = mushroom(PLACES["equator"])
     cylinder = open_at_poles(image, faces, ROWS)
-    operator = stiffness(cylinder, ROWS, positive=True)
+    operator = stiffness(cylinder, ROWS, "positive")
     steep = []
     for delta in (1.0, 100.0, 1e4):
         parameters = PlaneParameters(delta=delta, iterations=3)
@@ -243,6 +243,30 @@ def test_a_smaller_step_flattens_less() -> None:
     assert flat.min() >= cylinder.points[-6:, 0].min() - 1e-9
     assert flat.max() <= cylinder.points[-6:, 0].max() + 1e-9
     assert np.ptp(flat) < 0.01
+
+
+@pytest.mark.parametrize("kind", ["robust", "cotangent", "positive"])
+def test_constants_feel_no_force_and_u_none_but_its_own(kind: str) -> None:
+    """Rows of L_0 sum to zero, and a turn of all of u changes nothing."""
+    image, faces = mushroom(PLACES["over the north pole"])
+    cylinder = open_at_poles(image, faces, ROWS)
+    operator = stiffness(cylinder, ROWS, kind)
+    rest = operator.inner.sum(axis=1) + operator.border.sum(axis=1)
+    np.testing.assert_allclose(rest, 0.0, atol=1e-7)
+    asymmetry = operator.inner - operator.inner.T
+    assert abs(asymmetry).max() < 1e-9
+
+
+def test_flattening_a_flat_cylinder_moves_nothing() -> None:
+    """Between the poles' faces a flat image is already harmonic, by exact cotangents."""
+    where, faces = ball()
+    image = on_image(where)
+    cylinder = open_at_poles(image, faces, ROWS)
+    for kind in ("robust", "cotangent"):
+        operator = stiffness(cylinder, ROWS, kind)
+        force = operator.inner @ cylinder.points[:-6] + operator.pull(cylinder.points[-6:])
+        away = np.abs(image[:, 1] - (ROWS - 1) / 2) < ROWS / 2 - 8
+        assert np.abs(force[away]).max() < 1e-8
 
 
 def test_missing_images_are_filled_from_around() -> None:

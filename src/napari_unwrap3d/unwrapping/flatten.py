@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import sparse
 
-from ..charts import Floats
+from ..charts import Floats, Ints
+from ..geometry.intrinsic import delaunay_edges, mollified
 from ..geometry.laplacian import (
     Factor,
     conjugate_gradient,
@@ -56,28 +57,39 @@ class Stiffness:
         return right
 
 
-def stiffness(cylinder: Cylinder, rows: int, *, positive: bool) -> Stiffness:
-    """Cotangent weights of the surface in (d, u, v), in pixels; see :class:`Stiffness`.
+def stiffness(cylinder: Cylinder, rows: int, kind: str) -> Stiffness:
+    """Weights of the surface in (d, u, v), in pixels; see :class:`Stiffness`.
 
     Parameters
     ----------
-    positive : bool
-        Raise every weight to at least `SMALLEST_WEIGHT`.
+    kind : str
+        "robust": cotangents of the intrinsic Delaunay triangulation; "cotangent": of the
+        mesh's own triangles; "positive": these, raised to at least `SMALLEST_WEIGHT`.
     """
-    faces, size = cylinder.faces, len(cylinder.points)
-    edges = edges_with_faces(faces)
-    weights = 0.5 * cotangents_from_lengths(cylinder.lengths)
-    total = np.bincount(edges.of_face.ravel(), weights.ravel())
-    if positive:
-        total = np.maximum(total, SMALLEST_WEIGHT)
-    slots = edges.slots[edges.first]
-    start, end = half_edges(faces).reshape(-1, 2)[slots].T
     # Corner k is opposite to the edge from corner k + 1 to corner k + 2.
     over = np.roll(cylinder.turns, -2, axis=1) - np.roll(cylinder.turns, -1, axis=1)
-    step = 2.0 * rows * over.ravel()[slots]
-    turns = np.bincount(start, total * step, size) - np.bincount(end, total * step, size)
-    half = sparse.coo_array((total, (start, end)), shape=(size, size)).tocsr()
+    edges = edges_with_faces(cylinder.faces)
+    if kind == "robust":
+        lengths = mollified(cylinder.lengths, edges.of_face)
+        ends, weights, over = delaunay_edges(lengths, cylinder.faces, over)
+    else:
+        slots = edges.slots[edges.first]
+        halves = 0.5 * cotangents_from_lengths(cylinder.lengths)
+        weights = np.asarray(np.bincount(edges.of_face.ravel(), halves.ravel()), np.float64)
+        if kind == "positive":
+            weights = np.maximum(weights, SMALLEST_WEIGHT)
+        ends, over = half_edges(cylinder.faces).reshape(-1, 2)[slots], over.ravel()[slots]
+    step = np.asarray(2.0 * rows * over, np.float64)
+    return _assembled(ends, weights, step, len(cylinder.points))
+
+
+def _assembled(ends: Ints, weights: Floats, step: Floats, size: int) -> Stiffness:
+    """From edges (k, 2), which may repeat, with weights (k,) and what u gains along them."""
+    start, end = ends.T
+    turns = np.bincount(start, weights * step, size) - np.bincount(end, weights * step, size)
+    half = sparse.coo_array((weights, (start, end)), shape=(size, size)).tocsr()
     full = half + half.T
+    # An edge from a vertex to itself counts in both sums and does nothing.
     laplacian = sparse.csr_array(full - sparse.diags_array(full.sum(axis=1)))
     inner = size - 6
     return Stiffness(

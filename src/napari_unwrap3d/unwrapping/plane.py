@@ -166,8 +166,8 @@ def flattened(
 ) -> Attempt:
     """The first flattening without a flipped face, or the one with the fewest.
 
-    Cotangent weights keep angles best; positive ones have no flipped face in the limit but
-    for rounding, which the direct solution of the limit keeps smallest.
+    The robust Laplacian keeps angles best; positive weights leave no face flipped in the
+    limit but for rounding, which the direct solution of the limit keeps smallest.
 
     Parameters
     ----------
@@ -188,12 +188,12 @@ def flattened(
     except MapError as error:
         raise NotCertifiedError(error.what, hint=USE_DIRECT) from None
     chosen = parameters.laplacian
-    kinds = ["cotangent", "positive"] if chosen == "automatic" else [chosen]
+    kinds = ["robust", "positive"] if chosen == "automatic" else [chosen]
     attempts: list[Attempt] = []
     for index, kind in enumerate(kinds):
         part = progress.part(index / len(kinds), (index + 1) / len(kinds))
         part(0.0, f"Laplacian with {kind} weights")
-        operator = stiffness(cylinder, rows, positive=kind == "positive")
+        operator = progress.run(stiffness, cylinder, rows, kind)
         points, iterations = flow(cylinder, operator, rows, parameters, part.part(0.0, 0.7))
         attempts.append(_attempt(cylinder, faces, rows, points, iterations, kind))
         if attempts[-1].flips:
