@@ -54,3 +54,21 @@ def handle_atlas() -> Atlas:
     from shapes import QUICK, small_cell_mask
 
     return unwrap(small_cell_mask(handle=True), QUICK)
+
+
+@pytest.fixture(scope="session")
+def plane_atlas(small_pipeline: Pipeline) -> Atlas:
+    """The atlas of the small cell with its plane."""
+    from napari_unwrap3d.pipeline import Pipeline
+    from shapes import QUICK
+
+    return Pipeline(small_pipeline.source, dict(small_pipeline.kept)).run(QUICK, until="plane")
+
+
+@pytest.fixture(scope="session")
+def plane_handle_atlas() -> Atlas:
+    """The atlas of the small cell with a handle with its plane."""
+    from napari_unwrap3d.pipeline import Pipeline
+    from shapes import QUICK, small_cell_mask
+
+    return Pipeline(small_cell_mask(handle=True)).run(QUICK, until="plane")

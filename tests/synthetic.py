@@ -12,6 +12,7 @@ from napari_unwrap3d.charts import (
     Floats,
     Ints,
     Mask,
+    Plane,
     Reference,
     SealedSurface,
     Sphere,
@@ -19,8 +20,10 @@ from napari_unwrap3d.charts import (
     Topography,
     Volume,
 )
-from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.parameters import Parameters, PlaneParameters
+from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.direct import Registration, direct_chart
+from napari_unwrap3d.unwrapping.plane import certify, flattened
 
 RADIUS = 4.0
 CENTRE = 6.0
@@ -135,6 +138,24 @@ def make_topography(surface: Surface, vertices: Floats, rows: int) -> Topography
     )
 
 
+def make_plane(surface: Surface, flat: Floats, rows: int) -> Plane:
+    attempt = flattened(flat, surface.faces, rows, PlaneParameters(), silent())
+    pixels = certify(attempt.flat, surface.vertices)
+    corners = surface.vertices[surface.faces[pixels.face]]
+    positions = np.einsum("ijkl,ijk->ijl", corners, pixels.weights)
+    return Plane(
+        vertices=attempt.flat.vertices,
+        turns=attempt.flat.turns,
+        pole_faces=attempt.flat.pole_faces,
+        pole_weights=attempt.flat.pole_weights,
+        face=pixels.face,
+        weights=pixels.weights,
+        positions=positions,
+        iterations=attempt.iterations,
+        fields={"area_um2": np.ones(pixels.face.shape)},
+    )
+
+
 def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
     """A round cell with three bumps and a dent, every chart filled in."""
     vertices, faces = icosphere(subdivisions)
@@ -164,14 +185,14 @@ def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
     sealed = ({"kind": "handle", "position_um": [1.0, 2.0, 3.0], "volume_um3": 0.5},)
     closed = SealedSurface(surface.vertices, faces, mask=cell, sealed=sealed)
     everywhere = Registration(vertices, np.ones(len(vertices), bool))
+    topography = make_topography(surface, vertices, rows)
     return Atlas(
         surface=surface,
         sealed=closed,
-        direct=direct_chart(closed, vertices, np.eye(3), rows, everywhere),
         reference=reference,
         sphere=Sphere(vertices, faces, conformal=vertices, error_history=np.array([0.1, 0.01])),
         uv=make_uv(vertices, faces, rows),
-        topography=make_topography(surface, vertices, rows),
+        topography=topography,
         mask=cell,
         parameters=Parameters.preset("ruffles"),
         quality={
@@ -188,5 +209,9 @@ def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
             "source": {"name": "synthetic", "kind": "surface", "hash": "0"},
             "steps": {"surface": {"seconds": 1.5, "key": "abc"}},
             "repairs": ["one handle was closed"],
+        },
+        on_request={
+            "direct": direct_chart(closed, vertices, np.eye(3), rows, everywhere),
+            "plane": make_plane(surface, topography.surface, rows),
         },
     )

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from napari_unwrap3d.atlas import COORDINATES, Atlas
+from napari_unwrap3d.atlas import COORDINATES, REQUESTED, Atlas
 from napari_unwrap3d.errors import AxesError, ChartMissingError
 from napari_unwrap3d.geometry.locate import interpolate
 from napari_unwrap3d.pipeline import Pipeline
@@ -266,3 +266,82 @@ def test_the_map_is_continuous_over_the_seam_and_the_poles(small_atlas: Atlas) -
     meridian = np.column_stack([np.linspace(-3, rows + 2, 2000), np.full(2000, 20.0)])
     mapped, _ = small_atlas.map(meridian, "uv", "reference")
     assert np.linalg.norm(np.diff(mapped, axis=0), axis=1).max() < 0.5 * VOXEL_UM
+
+
+# The plane, which is computed on request ---------------------------------------------
+
+
+def test_a_plane_that_was_not_asked_for_says_how_to_get_it(small_atlas: Atlas) -> None:
+    assert not small_atlas.has("plane")
+    with pytest.raises(ChartMissingError, match="on request") as caught:
+        _ = small_atlas.plane
+    assert "run --plane" in caught.value.hint
+    for way in (("surface", "plane"), ("plane", "surface")):
+        points = np.zeros((1, (COORDINATES | REQUESTED)[way[0]]))
+        with pytest.raises(ChartMissingError, match="on request"):
+            small_atlas.map(points, *way)
+    assert dataclasses.replace(small_atlas, mask=small_atlas.mask).has("topography")
+
+
+def test_plane_and_surface_are_one_to_one(plane_atlas: Atlas) -> None:
+    points = on_mesh(plane_atlas.surface)
+    there, valid = plane_atlas.map(points, "surface", "plane")
+    assert valid.all()
+    back, found = plane_atlas.map(there, "plane", "surface")
+    assert found.all()
+    assert np.linalg.norm(back - points, axis=1).max() < 1e-6 * VOXEL_UM
+    rows = plane_atlas.plane.shape[0]
+    pixels = np.random.default_rng(3).uniform(-0.5, [rows - 0.5, 2 * rows - 0.5], (2000, 2))
+    on_surface, valid = plane_atlas.map(pixels, "plane", "surface")
+    assert valid.all()
+    again, _ = plane_atlas.map(on_surface, "surface", "plane")
+    assert np.quantile(distance(plane_atlas, "uv", pixels, again), 0.999) < 1e-6
+
+
+def test_vertices_are_mapped_to_the_vertices_of_the_plane(plane_atlas: Atlas) -> None:
+    mapped, valid = plane_atlas.map(plane_atlas.surface.vertices, "surface", "plane")
+    assert valid.all()
+    columns = plane_atlas.plane.shape[1]
+    miss = np.abs(mapped - plane_atlas.plane.vertices) % columns
+    assert np.minimum(miss, columns - miss).max() < 1e-9
+
+
+@pytest.mark.parametrize("other", COORDINATES)
+def test_any_chart_to_the_plane_and_back(plane_handle_atlas: Atlas, other: str) -> None:
+    atlas = plane_handle_atlas
+    if other in ("volume", "topography"):
+        points = atlas.map(on_mesh(atlas.surface, 300), "surface", other)[0]
+    else:
+        points = points_of(atlas, other, 300)
+    there, valid = atlas.map(points, other, "plane")
+    assert there.shape == (300, 2)
+    assert valid.mean() > 0.98
+    back, found = atlas.map(there[valid], "plane", other)
+    assert back.shape == (valid.sum(), COORDINATES[other])
+    assert found.mean() > 0.98
+    miss = distance(atlas, other, points[valid][found], back[found])
+    assert np.quantile(miss, 0.98) < 0.5
+
+
+def test_what_was_sealed_has_no_image_on_the_surface(plane_handle_atlas: Atlas) -> None:
+    """Pixels over a membrane, farther than a voxel from the surface."""
+    atlas = plane_handle_atlas
+    rows = atlas.plane.shape[0]
+    pixels = pixel_grid(rows).reshape(-1, 2)
+    mapped, valid = atlas.map(pixels, "plane", "surface")
+    assert np.isnan(mapped[~valid]).all()
+    _, _, apart = atlas._surface_locator.closest(atlas.plane.positions.reshape(-1, 3))
+    np.testing.assert_array_equal(valid, apart <= VOXEL_UM)
+    assert valid.mean() > 0.95
+    np.testing.assert_allclose(
+        mapped[valid], atlas.plane.positions.reshape(-1, 3)[valid], atol=1e-9
+    )
+
+
+def test_a_refused_plane_says_why(small_atlas: Atlas) -> None:
+    quality = {"plane": {"certified": False, "reason": "Faces are flipped.", "hint": "Use direct."}}
+    refused = dataclasses.replace(small_atlas, quality=quality)
+    assert not refused.has("plane")
+    with pytest.raises(ChartMissingError, match="refused: Faces are flipped") as caught:
+        refused.map(np.zeros((1, 2)), "plane", "surface")
+    assert caught.value.hint == "Use direct."

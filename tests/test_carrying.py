@@ -266,3 +266,40 @@ def test_carrying_reports_and_can_be_cancelled(small_atlas: Atlas) -> None:
     progress.cancel()
     with pytest.raises(Cancelled):
         small_atlas.carry(image, "uv", "surface", progress=progress)
+
+
+@pytest.mark.parametrize("other", CHARTS)
+def test_constants_stay_constant_to_and_from_the_plane(plane_atlas: Atlas, other: str) -> None:
+    atlas = coarse(plane_atlas) if other == "volume" else plane_atlas
+    for source, target in ((other, "plane"), ("plane", other)):
+        for kind, value, dtype in (("scalar", 2.5, float), ("label", 7, np.uint16)):
+            values = constant(atlas, source, value, dtype)
+            carried = array(atlas.carry(values, source, target, kind))
+            assert carried.shape == shape_of(atlas, target)
+            known = np.isfinite(carried) & (carried != 0)
+            np.testing.assert_allclose(carried[known], value, rtol=1e-6)
+            assert known.any()
+            if not {"topography", "volume"} & {source, target}:
+                assert known.all()
+
+
+def test_labels_of_every_sheet_come_back_from_the_plane(plane_atlas: Atlas) -> None:
+    """Also below an overhang, which the uv image does not show."""
+    place = plane_atlas.surface.vertices
+    labels = 1 + (place[:, 2] > np.median(place[:, 2])) + 2 * (place[:, 1] > np.median(place[:, 1]))
+    image = plane_atlas.carry(labels, "surface", "plane", kind="label")
+    assert image.shape == plane_atlas.plane.shape
+    assert set(np.unique(image)) == {1, 2, 3, 4}
+    back = plane_atlas.carry(image, "plane", "surface", kind="label")
+    assert (back == labels).mean() > 0.97
+
+
+def test_scalars_of_the_surface_are_read_at_the_pixels_places(plane_atlas: Atlas) -> None:
+    place = plane_atlas.surface.vertices
+    image = plane_atlas.carry(place[:, 0], "surface", "plane")
+    np.testing.assert_allclose(image, plane_atlas.plane.positions[..., 0], atol=1e-6)
+
+
+def test_values_of_the_plane_have_its_size(plane_atlas: Atlas) -> None:
+    with pytest.raises(AxesError, match="plane"):
+        plane_atlas.carry(np.zeros((4, 8)), "plane", "surface")

@@ -41,6 +41,12 @@ def parsed(*words: str) -> argparse.Namespace:
 # Parameters ------------------------------------------------------------------
 
 
+def test_the_plane_is_asked_for_by_an_option() -> None:
+    assert not chosen_parameters(parsed()).plane.compute
+    assert chosen_parameters(parsed("--plane")).plane.compute
+    assert chosen_parameters(parsed("--plane", "--set", "plane.delta=100")).plane.delta == 100
+
+
 def test_later_parameters_win(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_text('[uv]\nrows = 128\n[reference]\nstop = "paper"\n')

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import ParameterError
 from napari_unwrap3d.parameters import PRESETS, Parameters
-from napari_unwrap3d.pipeline import STEPS
+from napari_unwrap3d.pipeline import ON_REQUEST, STEPS
 
 GROUPS = list(Parameters.model_fields)
 ALL = [
@@ -32,7 +32,7 @@ def test_every_parameter_has_a_title_a_description_and_a_unit() -> None:
 
 
 def test_every_group_belongs_to_a_step() -> None:
-    used = {group for step in STEPS for group in step.parameters}
+    used = {group for step in (*STEPS, *ON_REQUEST) for group in step.parameters}
     assert used == set(GROUPS)
 
 

@@ -9,9 +9,11 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Mask, Surface
 from napari_unwrap3d.errors import (
     Cancelled,
+    ChartMissingError,
     EmptyMaskError,
     FullMaskError,
     InputError,
+    NotCertifiedError,
     ParameterError,
     SeveralCellsError,
     TooSmallError,
@@ -19,8 +21,9 @@ from napari_unwrap3d.errors import (
 )
 from napari_unwrap3d.geometry.mesh import euler_characteristic
 from napari_unwrap3d.parameters import Parameters
-from napari_unwrap3d.pipeline import STEP_NAMES, STEPS, Pipeline, unwrap
+from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, STEPS, Pipeline, unwrap
 from napari_unwrap3d.progress import Progress
+from napari_unwrap3d.unwrapping import requested
 from shapes import QUICK, VOXEL_UM, ball, grid, icosphere, lumpy, small_cell_mask
 
 
@@ -243,8 +246,8 @@ def test_a_run_that_was_cancelled_before_it_began_does_nothing() -> None:
 
 
 def test_unknown_steps_and_inputs_are_errors(small_pipeline: Pipeline) -> None:
-    with pytest.raises(ParameterError, match="'plane'"):
-        small_pipeline.run(QUICK, until="plane")
+    with pytest.raises(ParameterError, match="'flat'"):
+        small_pipeline.run(QUICK, until="flat")
     with pytest.raises(InputError, match="ndarray"):
         Pipeline(np.zeros((5, 5, 5)))
 
@@ -378,3 +381,80 @@ def test_a_field_of_the_surface_weighs_the_axis(small_pipeline: Pipeline) -> Non
     wrong = changed("uv", axis_weight="field", axis_field="actin")
     with pytest.raises(ParameterError, match=r"'actin'"):
         copy_of(small_pipeline).run(wrong, until="uv")
+
+
+# Steps on request --------------------------------------------------------------------
+
+
+def test_the_plane_is_computed_on_request_only(small_pipeline: Pipeline) -> None:
+    assert [step.name for step in ON_REQUEST] == ["direct", "plane"]
+    assert "plane" not in small_pipeline.state(QUICK)
+    pipeline = copy_of(small_pipeline)
+    wanted = changed("plane", compute=True)
+    assert pipeline.state(wanted)["plane"] == "missing"
+    assert not pipeline.run(wanted, until="uv").has("plane")
+    seen: list[str] = []
+    atlas = pipeline.run(wanted, lambda step, fraction, message: seen.append(step))
+    assert set(seen) == {"plane"}
+    assert atlas.has("plane")
+    assert list(atlas.quality) == [*STEP_NAMES, "plane"]
+    assert "plane" in atlas.provenance["steps"]
+    # Asking by name or by parameter is the same request, and nothing runs again.
+    seen.clear()
+    again = pipeline.run(QUICK, lambda step, fraction, message: seen.append(step), until="plane")
+    assert seen == []
+    assert again.plane is atlas.plane
+    assert pipeline.state(QUICK)["plane"] == "done"
+    assert pipeline.state(changed("plane", delta=100.0))["plane"] == "stale"
+    assert pipeline.state(changed("sealed", handles="cut"))["plane"] == "stale"
+    assert not pipeline.run(QUICK).has("plane")
+
+
+def test_progress_of_the_plane_runs_from_zero_to_one(small_pipeline: Pipeline) -> None:
+    fractions: list[float] = []
+    copy_of(small_pipeline).run(
+        QUICK, lambda step, fraction, message: fractions.append(fraction), until="plane"
+    )
+    assert fractions == sorted(fractions)
+    assert (fractions[0], fractions[-1]) == (0.0, 1.0)
+
+
+def test_the_plane_can_be_cancelled_at_any_moment(small_pipeline: Pipeline) -> None:
+    for moment in (1, 3, 6):
+        pipeline = copy_of(small_pipeline)
+        with pytest.raises(Cancelled):
+            pipeline.run(QUICK, cancelling_after(moment), until="plane")
+        assert "plane" not in pipeline.kept
+
+
+def test_a_plane_that_is_not_certified_is_missing_with_the_reason(
+    small_pipeline: Pipeline, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = {"position_um": (1.0, 2.0, 3.0), "position_vu": (4.0, 5.0), "faces": 6}
+
+    def refuse(*_: object) -> None:
+        raise NotCertifiedError(
+            "Faces are flipped.", places=(place,), flipped_faces=6, hint="Use the direct chart."
+        )
+
+    monkeypatch.setattr(requested, "plane", refuse)
+    pipeline = copy_of(small_pipeline)
+    atlas = pipeline.run(QUICK, until="plane")
+    assert not atlas.has("plane")
+    assert atlas.has("topography")
+    numbers = atlas.quality["plane"]
+    assert numbers["certified"] is False
+    assert numbers["flipped_faces"] == 6
+    assert numbers["places"] == [place]
+    with pytest.raises(ChartMissingError, match="flipped_faces = 6") as caught:
+        _ = atlas.plane
+    assert caught.value.hint == "Use the direct chart."
+    assert any("certified" in warning for warning in atlas.provenance["warnings"])
+    assert pipeline.state(QUICK)["plane"] == "done"
+
+
+def test_the_plane_is_the_same_bit_for_bit(small_pipeline: Pipeline, plane_atlas: Atlas) -> None:
+    again = copy_of(small_pipeline).run(QUICK, until="plane")
+    np.testing.assert_array_equal(again.plane.vertices, plane_atlas.plane.vertices)
+    np.testing.assert_array_equal(again.plane.face, plane_atlas.plane.face)
+    assert again.quality["plane"] == plane_atlas.quality["plane"]

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .charts import (
         UV,
         Mask,
+        Plane,
         Reference,
         SealedSurface,
         Sphere,
@@ -50,6 +51,7 @@ _LAZY = {
     "Atlas": "atlas",
     "load": "atlas",
     "Mask": "charts",
+    "Plane": "charts",
     "Reference": "charts",
     "SealedSurface": "charts",
     "Sphere": "charts",
@@ -75,6 +77,7 @@ __all__ = [
     "Mask",
     "Parameters",
     "Pipeline",
+    "Plane",
     "Progress",
     "Reference",
     "SealedSurface",

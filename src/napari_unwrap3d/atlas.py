@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any, Literal
@@ -17,6 +17,7 @@ from .charts import (
     Direct,
     Floats,
     Mask,
+    Plane,
     Reference,
     SealedSurface,
     Sphere,
@@ -25,14 +26,15 @@ from .charts import (
     Volume,
 )
 from .errors import AxesError, ChartMissingError
+from .geometry.flat import FlatSphere
 from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
 from .geometry.padding import wrap_uv
 from .parameters import Parameters
 from .progress import Progress, silent
-from .unwrapping.direct import direct, same_mesh
 from .unwrapping.elements import elements, region_mean
-from .unwrapping.measure import measure_direct
 from .unwrapping.outermost import OutermostSurface
+from .unwrapping.plane import flat_sphere
+from .unwrapping.surface import same_mesh
 from .unwrapping.topography import TopographyLocator, topography_to_world
 from .unwrapping.uv import direction_to_uv, uv_to_direction
 
@@ -40,20 +42,12 @@ Kind = Literal["scalar", "label"]
 Valid = npt.NDArray[np.bool_]
 Mapped = tuple[Floats, Valid]
 
-COORDINATES = {
-    "surface": 3,
-    "volume": 3,
-    "reference": 3,
-    "sphere": 3,
-    "topography": 3,
-    "uv": 2,
-    "direct": 2,
-}
+COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
+# Charts that are computed when they are asked for, or first read.
+REQUESTED = {"direct": 2, "plane": 2}
 # Each chart is one step of the method away from the next; maps are composed along it.
 CHAIN = ("volume", "topography", "uv", "sphere", "reference")
 ON_SURFACE_VOXELS = 1.0
-# These cost time and are needed for some work only: they are computed when first read.
-ON_DEMAND = ("direct",)
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,9 +59,9 @@ class Atlas:
     surface, sealed, reference, sphere, uv, topography
         The charts; see :mod:`napari_unwrap3d.charts`. Reading one that was not computed
         raises :class:`ChartMissingError`.
-    direct
-        The sealed surface on the sphere, one to one; computed when it is first read, unless
-        the pipeline already has.
+    direct, plane
+        Charts that take time and are needed for some work only: computed when they are asked
+        for, or when they are first read.
     mask : Mask
         The cell on the isotropic working grid.
     parameters : Parameters
@@ -75,6 +69,8 @@ class Atlas:
         How good every chart is, JSON-able.
     provenance : mapping
         Version, input, seeds, timings and automatic repairs, JSON-able.
+    on_request : mapping
+        Those of direct and plane that were computed, by name.
     """
 
     surface: Surface
@@ -84,16 +80,18 @@ class Atlas:
     uv: UV
     topography: Topography
     mask: Mask
-    direct: Direct = None  # type: ignore[assignment]
     parameters: Parameters = field(default_factory=Parameters)
     quality: Mapping[str, Any] = field(default_factory=dict)
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    on_request: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        # A copy of an atlas must not share what is computed later.
+        object.__setattr__(self, "on_request", dict(self.on_request))
 
     def __getattribute__(self, name: str) -> Any:
         value = object.__getattribute__(self, name)
         if value is None and name in type(self).__dataclass_fields__:
-            if name in ON_DEMAND and self.has("topography"):
-                return self._compute(name)
             raise ChartMissingError(
                 f"The atlas has no {name} yet.",
                 hint=f"Run the pipeline up to the step {name!r}.",
@@ -102,6 +100,8 @@ class Atlas:
 
     def has(self, chart: str) -> bool:
         """Whether a chart was computed."""
+        if chart in REQUESTED:
+            return chart in self.on_request
         return object.__getattribute__(self, chart) is not None
 
     def replaced(self, **changes: Any) -> Atlas:
@@ -112,21 +112,41 @@ class Atlas:
         kept = {name: object.__getattribute__(self, name) for name in self.__dataclass_fields__}
         return Atlas(**{**kept, **changes})
 
-    def _compute(self, name: str) -> Any:
-        """Make a chart that is computed on demand, and keep it with its numbers."""
-        chart = direct(
-            self.sealed,
-            self.surface,
-            self.uv,
-            self.topography,
-            self.voxel_um,
-            self.parameters.direct,
-            silent(),
-        )
-        numbers = measure_direct(self.sealed, chart)
-        object.__setattr__(self, name, chart)
-        object.__setattr__(self, "quality", {**self.quality, name: numbers})
+    @property
+    def direct(self) -> Direct:
+        """The sealed surface on the sphere, one to one."""
+        chart: Direct = self._requested("direct")
         return chart
+
+    @property
+    def plane(self) -> Plane:
+        """The flattened surface; where it cannot be one to one, reading it is an error."""
+        chart: Plane = self._requested("plane")
+        return chart
+
+    def _requested(self, name: str) -> Any:
+        """A chart that is computed when it is first read; it is kept with its numbers."""
+        from .unwrapping.requested import REQUESTED_CHARTS
+
+        numbers = self.quality.get(name, {})
+        if name not in self.on_request and "reason" not in numbers:
+            if not self.has("topography"):
+                raise ChartMissingError(
+                    f"The atlas has no {name} yet.",
+                    hint=f"Run the pipeline up to the step {name!r}.",
+                )
+            charts = partial(getattr, self)
+            chart, numbers = REQUESTED_CHARTS[name](
+                charts, self.voxel_um, self.parameters, silent()
+            )
+            kept = self.on_request if chart is None else {**self.on_request, name: chart}
+            object.__setattr__(self, "on_request", kept)
+            object.__setattr__(self, "quality", {**self.quality, name: numbers})
+        if name not in self.on_request:
+            raise ChartMissingError(
+                f"The {name} was refused: {numbers['reason']}", hint=str(numbers.get("hint", ""))
+            )
+        return self.on_request[name]
 
     @property
     def voxel_um(self) -> float:
@@ -142,9 +162,9 @@ class Atlas:
         ----------
         points : array-like, (n, k)
             surface, reference, volume: (z, y, x) in µm; sphere: (z, y, x) unit vectors; uv,
-            direct: (v, u) in pixels; topography: (d µm, v, u).
+            direct, plane: (v, u) in pixels; topography: (d µm, v, u).
         source, target : str
-            "surface", "reference", "volume", "sphere", "uv", "topography" or "direct".
+            "surface", "reference", "volume", "sphere", "uv", "topography", "direct" or "plane".
 
         Returns
         -------
@@ -154,8 +174,8 @@ class Atlas:
             Whether a point has an image: inside the mapped shell around the reference, on the
             surface within a voxel, over a pixel whose normal meets the surface.
             From uv, sphere and reference to the surface the image is the outermost crossing;
-            from uv to topography it is d = 0. surface and direct are one to one, but for
-            where the sealed surface closes or cuts a handle.
+            from uv to topography it is d = 0. Surface and direct, and surface and plane, are one
+            to one, but for where the sealed surface closes or cuts a handle.
 
         Raises
         ------
@@ -165,14 +185,15 @@ class Atlas:
             The points have the wrong number of coordinates.
         """
         current = np.array(points, dtype=np.float64)
+        coordinates = COORDINATES | REQUESTED
         for name in (source, target):
-            if name not in COORDINATES:
+            if name not in coordinates:
                 raise ChartMissingError(
-                    f"There is no chart {name!r}.", hint=f"Charts: {', '.join(COORDINATES)}."
+                    f"There is no chart {name!r}.", hint=f"Charts: {', '.join(coordinates)}."
                 )
-        if current.ndim != 2 or current.shape[1] != COORDINATES[source]:
+        if current.ndim != 2 or current.shape[1] != coordinates[source]:
             raise AxesError(
-                f"Points of {source} have {COORDINATES[source]} coordinates.",
+                f"Points of {source} have {coordinates[source]} coordinates.",
                 shape=current.shape,
             )
         width = current.shape[1]
@@ -196,6 +217,10 @@ class Atlas:
             return [*self._route(source, "surface"), self._surface_to_direct]
         if source == "direct":
             return [self._direct_to_volume, *self._route("volume", target)]
+        if source == "plane":
+            return [self._plane_to_surface, *self._route("surface", target)]
+        if target == "plane":
+            return [*self._route(source, "surface"), self._surface_to_plane]
         if target == "surface":
             if source in ("volume", "topography"):
                 return [*self._route(source, "volume"), self._volume_to_surface]
@@ -266,6 +291,18 @@ class Atlas:
         mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
         return mapped, np.ones(len(points), bool)
 
+    def _plane_to_surface(self, points: Floats) -> Mapped:
+        face, weights = self._flat_sphere.locate(points)
+        mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
+        if not self.plane.of_sealed:
+            return mapped, np.ones(len(points), bool)
+        return self._volume_to_surface(mapped)
+
+    def _surface_to_plane(self, points: Floats) -> Mapped:
+        face, weights, distance = self._sealed_locator.closest(points)
+        near = distance <= ON_SURFACE_VOXELS * self.voxel_um
+        return self._flat_sphere.at(face, weights), near
+
     # Locators, built when first needed ---------------------------------------------
 
     @cached_property
@@ -289,6 +326,10 @@ class Atlas:
     @cached_property
     def _direct_locator(self) -> SphericalLocator:
         return SphericalLocator(self.direct.vertices @ self.direct.rotation.T, self.direct.faces)
+
+    @cached_property
+    def _flat_sphere(self) -> FlatSphere:
+        return flat_sphere(self.plane, self.sealed.faces)
 
     @cached_property
     def _topography_locator(self) -> TopographyLocator:
@@ -318,7 +359,7 @@ class Atlas:
         Parameters
         ----------
         values : array-like or Volume
-            surface, reference, sphere: one per vertex; uv, direct: (N, 2N); topography:
+            surface, reference, sphere: one per vertex; uv, direct, plane: (N, 2N); topography:
             (D, N, 2N); volume: a :class:`Volume`.
         source, target : str
             As in :meth:`map`.

@@ -16,7 +16,8 @@ from .geometry.interpolate import sample_linear, sample_nearest
 from .geometry.locate import LabelInterpolator, interpolate
 from .geometry.padding import sample_uv_linear, sample_uv_nearest
 from .progress import Progress
-from .unwrapping.direct import labels_of_owners, same_mesh
+from .unwrapping.direct import labels_of_owners
+from .unwrapping.surface import same_mesh
 from .unwrapping.uv import direction_to_uv, pixel_grid
 
 if TYPE_CHECKING:
@@ -34,6 +35,8 @@ def carry(
     given = _checked(atlas, values, source, kind)
     if source == target or {source, target} == {"reference", "sphere"}:
         return given
+    if source == "plane" and target == "topography":
+        given, source = carry(atlas, given, "plane", "surface", kind, progress), "surface"
     if target == "topography":
         return _to_topography(atlas, given, source, kind, progress)
     if source in ("reference", "sphere") and target == "uv":
@@ -118,7 +121,7 @@ def _checked(atlas: Atlas, values: Any, source: str, kind: str) -> Any:
 def _shape(atlas: Atlas, chart: str) -> tuple[int, ...]:
     if chart in MESHES:
         return (len(getattr(atlas, chart).vertices),)
-    if chart in ("uv", "topography", "direct"):
+    if chart in ("uv", "topography", "direct", "plane"):
         shape: tuple[int, ...] = getattr(atlas, chart).shape
         return shape
     raise ChartMissingError(f"Values cannot be carried from {chart!r}.")
@@ -129,7 +132,7 @@ def _sample_points(atlas: Atlas, target: str) -> tuple[Floats, tuple[int, ...]]:
     if target in MESHES:
         vertices = getattr(atlas, target).vertices
         return vertices, (len(vertices),)
-    if target in ("uv", "direct"):
+    if target in ("uv", "direct", "plane"):
         shape = getattr(atlas, target).shape
         return pixel_grid(shape[0]).reshape(-1, 2), shape
     if target == "volume":
@@ -179,7 +182,7 @@ def _reader(
 ) -> Callable[[Floats], npt.NDArray[Any]]:
     """What reads the values of the source at points in its coordinates."""
     label = kind == "label"
-    if source in ("uv", "direct"):
+    if source in ("uv", "direct", "plane"):
         return partial(sample_uv_nearest if label else sample_uv_linear, values)
     if source == "topography":
         return lambda points: _sample_topography(atlas, values, points, label)

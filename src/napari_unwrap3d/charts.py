@@ -516,3 +516,60 @@ class Topography:
         """(D, N, 2N)."""
         layers, rows, columns = self.nodes.shape[:3]
         return int(layers), int(rows) - 2, int(columns)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """The topographic surface flattened to the (u, v) plane (Step 7), certified one to one.
+
+    It is the sealed surface's mesh with other positions. Every pixel centre is covered by
+    exactly one face, none is flipped. The poles, where u has no meaning, are one point of
+    the surface each and the upper and the lower border of the image.
+
+    Attributes
+    ----------
+    vertices : ndarray, (n, 2)
+        (v, u) in pixels of the sealed surface's vertices; u up to a number of whole turns.
+    turns : ndarray, (m, 3) int64
+        Corner k of face f lies at ``vertices[faces[f, k]] + (0, 2N · turns[f, k])``, so that
+        faces over the seam are in one piece.
+    pole_faces : ndarray, (2,) int64
+        The faces that hold the north and the south pole.
+    pole_weights : ndarray, (2, 3)
+        Barycentric weights of the poles in them.
+    face : ndarray, (N, 2N) int64
+        The face of the sealed surface that each pixel lies in.
+    weights : ndarray, (N, 2N, 3)
+        Barycentric weights of the pixel in that face.
+    positions : ndarray, (N, 2N, 3)
+        The point (z, y, x) in µm of the sealed surface under each pixel.
+    of_sealed : bool
+        Whether something had to be sealed, so that not the surface itself is flattened.
+    laplacian : str
+        The weights that gave it: "robust", "cotangent" or "positive".
+    iterations : int
+        Iterations of the topographic cMCF.
+    fields : mapping of str to ndarray, (N, 2N)
+        ``conformal_error``, ``area_distortion``, ``area_um2`` (the dA of a pixel).
+    """
+
+    vertices: Floats
+    turns: Ints
+    pole_faces: Ints
+    pole_weights: Floats
+    face: Ints
+    weights: Floats
+    positions: Floats
+    of_sealed: bool = False
+    laplacian: str = "robust"
+    iterations: int = 0
+    fields: Mapping[str, npt.NDArray[Any]] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        rows, columns = self.face.shape
+        if columns != 2 * rows:
+            raise AxesError("An image of the plane is N × 2N.", shape=self.face.shape)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        return int(self.face.shape[0]), int(self.face.shape[1])

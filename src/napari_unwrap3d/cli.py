@@ -310,8 +310,7 @@ def _unwrap_and_export(
 
     formats = Formats.named(arguments.format)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
-        until = "direct" if arguments.direct else "topography"
-        atlas = _named(Pipeline(source).run(parameters, progress, until), arguments)
+        atlas = _named(Pipeline(source).run(parameters, progress), arguments)
         if signals is not None and arguments.signal:
             atlas = with_signals(atlas, signals, arguments.signal, progress.named("signal"))
         export_atlas(

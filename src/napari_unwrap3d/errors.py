@@ -7,6 +7,7 @@ hint that tells the user what to do about it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 
@@ -132,6 +133,25 @@ class FlippedFacesError(MapError):
 
 class NotLocatedError(MapError):
     """Points could not be located on a chart."""
+
+
+class NotCertifiedError(MapError):
+    """A chart is not one to one, so it is refused.
+
+    `places` says where: a dict per cluster with ``position_um``, ``position_vu`` and
+    ``faces``.
+    """
+
+    def __init__(
+        self,
+        message: str = "",
+        *,
+        hint: str = "",
+        places: tuple[Mapping[str, Any], ...] = (),
+        **measured: Any,
+    ) -> None:
+        super().__init__(message, hint=hint, **measured)
+        self.places = places
 
 
 class ChartMissingError(Unwrap3DError, LookupError):

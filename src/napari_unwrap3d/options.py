@@ -42,6 +42,9 @@ def add_charts(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="also make the direct chart: the whole surface on one image, one to one",
     )
+    parser.add_argument(
+        "--plane", action="store_true", help="also flatten the surface to a plane (Step 7)"
+    )
 
 
 def add_comparing(parser: argparse.ArgumentParser) -> None:
@@ -96,6 +99,9 @@ def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
     _merge(values, {"stack": single} if single else {})
     for setting in arguments.set:
         _merge(values, _parsed_setting(setting))
+    for chart in ("direct", "plane"):
+        if getattr(arguments, chart, False):
+            _merge(values, {chart: {"compute": True}})
     return Parameters.from_dict(values)
 
 

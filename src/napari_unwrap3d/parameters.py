@@ -489,6 +489,34 @@ class TopographyParameters(StepParameters):
         ge=0.1,
         le=2,
     )
+    automatic_step: bool = setting(
+        False,
+        "Automatic α",
+        "α is half the mean sum of a pixel's steps in u and v on the reference, at most ½ voxel.",
+        source="Datasets, min(0.5, ½ (Δu + Δv))",
+    )
+    propagation: Literal["streamlines", "active_contour"] = setting(
+        "streamlines",
+        "Propagation",
+        "streamlines: each pixel's normal is followed on its own, and normals cannot cross; "
+        "active_contour: the whole layer moves as an elastic sheet, which is slower.",
+        source="Methods, Step 5 and Mesh displacement by active contour cMCF",
+    )
+    contour_delta: float = setting(
+        5e-4,
+        "Contour δ",
+        "Stiffness of the active contour (unit-area surface).",
+        source="Datasets, 5e-4",
+        gt=0,
+        le=1,
+    )
+    contour_smoothing: Literal["none", "robust", "box"] = setting(
+        "robust",
+        "Contour smoothing",
+        "How the active contour's displacements are smoothed over (u, v): robust: splines that "
+        "outliers do not pull (doi:10.1016/j.csda.2009.09.020); box: mean of 5 × 5 pixels.",
+        source="Datasets, uniform box filter of 5 pixels",
+    )
     depth_um: float | None = setting(
         None,
         "Depth D_in",
@@ -513,8 +541,13 @@ class TopographyParameters(StepParameters):
 
 
 class DirectParameters(StepParameters):
-    """Direct: the sealed surface on the sphere, one to one even under overhangs."""
+    """Direct: the sealed surface on the sphere, one to one even under overhangs, on request."""
 
+    compute: bool = setting(
+        False,
+        "Compute the direct chart",
+        "Put the sealed surface itself on the sphere, too.",
+    )
     rows: int = setting(
         512,
         "Rows N",
@@ -551,6 +584,39 @@ class DirectParameters(StepParameters):
     final_sweeps: int = setting(40, "Final sweeps", "Rounds at the end.", ge=1, le=1000)
 
 
+class PlaneParameters(StepParameters):
+    """Plane (Step 7): the topographic surface flattened, on request."""
+
+    compute: bool = setting(
+        False, "Compute the plane", "Flatten the topographic surface to the (u, v) plane, too."
+    )
+    laplacian: Literal["automatic", "robust", "cotangent", "positive"] = setting(
+        "automatic",
+        "Laplacian",
+        "robust: of the intrinsic Delaunay triangulation, keeps angles best; cotangent: of the "
+        "triangles as they are; positive: cotangents raised above zero, so that no face flips "
+        "in the limit; automatic: robust, and positive where that flips faces.",
+        source="Datasets, robust mesh Laplacian",
+    )
+    delta: float = setting(
+        5e4,
+        "Time step δ",
+        "Stiffness of the flow; a smaller one flattens more slowly.",
+        unit="pixels²",
+        source="Datasets, 5e4",
+        gt=0,
+        le=1e8,
+    )
+    iterations: int = setting(
+        10,
+        "Iterations",
+        "Upper limit of topographic cMCF iterations; fewer when nothing moves any more.",
+        source="Datasets, 10",
+        ge=1,
+        le=200,
+    )
+
+
 class Parameters(StepParameters):
     """All parameters of the pipeline, one group per step."""
 
@@ -564,6 +630,7 @@ class Parameters(StepParameters):
         default_factory=TopographyParameters, title="Topography"
     )
     direct: DirectParameters = Field(default_factory=DirectParameters, title="Direct")
+    plane: PlaneParameters = Field(default_factory=PlaneParameters, title="Plane")
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

@@ -25,9 +25,9 @@ from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
 from .unwrapping import measure
 from .unwrapping.axis import with_field_of
-from .unwrapping.direct import direct
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
+from .unwrapping.requested import REQUESTED_CHARTS
 from .unwrapping.solid import closed_mesh, mask_of_mesh
 from .unwrapping.sphere import sphere
 from .unwrapping.surface import sealed_surface, surface
@@ -104,7 +104,8 @@ class Pipeline:
         parameters : Parameters, optional
         progress : Progress, or callable(step, fraction, message), optional
         until : str
-            The last step to run; "direct" is run only when it is asked for here.
+            The last step to run. Steps that are run on request (:data:`ON_REQUEST`) run when
+            they are named here or asked for by a parameter.
 
         Raises
         ------
@@ -115,9 +116,9 @@ class Pipeline:
         """
         chosen = parameters if parameters is not None else Parameters()
         report = progress if isinstance(progress, Progress) else Progress(progress)
-        if until not in STEP_NAMES:
-            raise ParameterError(f"There is no step {until!r}.", hint=f"Steps: {STEP_NAMES}.")
-        for step in STEPS[: STEP_NAMES.index(until) + 1]:
+        if until not in _BY_NAME:
+            raise ParameterError(f"There is no step {until!r}.", hint=f"Steps: {[*_BY_NAME]}.")
+        for step in _wanted(until, chosen):
             key = self._key(step, chosen)
             if step.name in self.kept and self.kept[step.name].key == key:
                 continue
@@ -133,9 +134,14 @@ class Pipeline:
         return self._atlas(chosen, until)
 
     def state(self, parameters: Parameters) -> dict[str, str]:
-        """Step → "done", "stale" (a parameter or an input changed) or "missing"."""
+        """Step → "done", "stale" (a parameter or an input changed) or "missing".
+
+        A step that is run on request appears once it was asked for.
+        """
         states: dict[str, str] = {}
-        for step in STEPS:
+        for step in (*STEPS, *ON_REQUEST):
+            if step in ON_REQUEST and not (step.name in self.kept or _asked(step, parameters)):
+                continue
             if step.name not in self.kept:
                 states[step.name] = "missing"
             else:
@@ -145,7 +151,10 @@ class Pipeline:
 
     def _key(self, step: Step, parameters: Parameters) -> str:
         """Depends on the source, this step's parameters and, recursively, its inputs'."""
-        own = [getattr(parameters, group).model_dump_json() for group in step.parameters]
+        own = [
+            getattr(parameters, group).model_dump_json(exclude={"compute"})
+            for group in step.parameters
+        ]
         inputs = [self._key(_BY_NAME[name], parameters) for name in step.needs]
         return content_hash(STEP_VERSION, step.name, self._source_key, own, inputs)
 
@@ -154,20 +163,22 @@ class Pipeline:
         return self.kept[name].value
 
     def _atlas(self, parameters: Parameters, until: str) -> Atlas:
-        shown = _shown(until)
+        shown = [step.name for step in _wanted(until, parameters)]
         charts: dict[str, Any] = {
-            name: self.kept[name].value if name in shown else None for name in STEP_NAMES
+            name: self.kept[name].value if name in shown else None for name in _BY_NAME
         }
         mask = charts.pop("stack")
+        requested = {step.name: charts.pop(step.name) for step in ON_REQUEST}
         if charts["topography"] is not None:
             charts |= _with_heights(charts)
-        kept = {name: self.kept[name] for name in STEP_NAMES if name in self.kept}
+        kept = {name: self.kept[name] for name in _BY_NAME if name in self.kept}
         numbers = {name: item.numbers for name, item in kept.items() if name in shown}
         return Atlas(
             mask=mask,
             parameters=parameters,
             quality=numbers,
             provenance=self._provenance(kept, numbers),
+            on_request={name: chart for name, chart in requested.items() if chart is not None},
             **charts,
         )
 
@@ -218,8 +229,16 @@ def unwrap(
     return Pipeline(source).run(parameters, progress)
 
 
-def _shown(until: str) -> tuple[str, ...]:
-    return STEP_NAMES[: STEP_NAMES.index(until) + 1]
+def _wanted(until: str, parameters: Parameters) -> list[Step]:
+    """The steps to run: those up to `until`, and after the last of them what was asked for."""
+    if until in STEP_NAMES[:-1]:
+        return list(STEPS[: STEP_NAMES.index(until) + 1])
+    asked = [step for step in ON_REQUEST if step.name == until or _asked(step, parameters)]
+    return [*STEPS, *asked]
+
+
+def _asked(step: Step, parameters: Parameters) -> bool:
+    return any(getattr(getattr(parameters, g), "compute", False) for g in step.parameters)
 
 
 def _source_key(source: Source) -> str:
@@ -314,18 +333,14 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
     return chart, measure.measure_topography(cell, chart, mask.voxel_size[0])
 
 
-def _direct(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
-    sealed = pipeline.value("sealed")
-    chart = direct(
-        sealed,
-        pipeline.value("surface"),
-        pipeline.value("uv"),
-        pipeline.value("topography"),
-        pipeline.value("stack").voxel_size[0],
-        parameters.direct,
-        progress,
-    )
-    return chart, measure.measure_direct(sealed, chart)
+def _on_request(name: str) -> Callable[[Pipeline, Parameters, Progress], Any]:
+    """The function of a step that makes a chart from other charts, when it is asked for."""
+
+    def step(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
+        voxel_um = pipeline.value("stack").voxel_size[0]
+        return REQUESTED_CHARTS[name](pipeline.value, voxel_um, parameters, progress)
+
+    return step
 
 
 STEPS = (
@@ -336,9 +351,10 @@ STEPS = (
     Step("sphere", _sphere, ("sphere",), ("reference",)),
     Step("uv", _uv, ("uv",), ("sphere",)),
     Step("topography", _topography, ("topography", "surface"), ("uv",)),
-    Step("direct", _direct, ("direct",), ("topography",)),
 )
 STEP_NAMES = tuple(step.name for step in STEPS)
-# What `unwrap` runs; the steps after that only when they are asked for.
-UNWRAP_STEPS = STEP_NAMES[: STEP_NAMES.index("topography") + 1]
-_BY_NAME = {step.name: step for step in STEPS}
+# Not everyone needs these, and they take time.
+ON_REQUEST = tuple(
+    Step(name, _on_request(name), (name,), ("topography", "sealed")) for name in REQUESTED_CHARTS
+)
+_BY_NAME = {step.name: step for step in (*STEPS, *ON_REQUEST)}

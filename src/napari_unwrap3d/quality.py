@@ -127,6 +127,16 @@ LIMITS: dict[tuple[str, str], Limit] = {
         0.5,
         "the direct image shows the cortex where the reference's image does",
     ),
+    ("plane", "certified"): Limit(
+        "certified one to one", 1, 1, "otherwise the plane is refused", least=True
+    ),
+    ("plane", "flipped_faces"): Limit("flipped faces", 0, 0, _FLIPS),
+    ("plane", "covered_once_fraction"): Limit(
+        "pixels covered exactly once (fraction)", 1, 1, "one to one", least=True
+    ),
+    ("plane", "round_trip_fraction"): Limit(
+        "vertices that come back within 0.05 pixel", 0.999, 0.99, "there and back", least=True
+    ),
 }
 
 
@@ -140,6 +150,7 @@ KEY_NUMBERS = {
     ("sphere", "blend"): "blend (0 conformal, 1 equiareal)",
     ("topography", "outward_um"): "mapped outwards (µm)",
     ("topography", "inward_um"): "mapped inwards (µm)",
+    ("plane", "mean_abs_log_lambda"): "mean |log λ|",
 }
 
 

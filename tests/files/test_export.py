@@ -103,7 +103,7 @@ def test_the_stack_is_sampled_at_the_nodes(atlas: Atlas, folder: Path) -> None:
 
 
 def test_without_a_stack_the_topography_is_the_mask(atlas: Atlas, tmp_path: Path) -> None:
-    few = atlas.replaced(uv=None, sphere=None, reference=None, sealed=None, direct=None)
+    few = atlas.replaced(uv=None, sphere=None, reference=None, sealed=None, on_request={})
     export_atlas(few, tmp_path / "out", pictures=False)
     image = tifffile.imread(tmp_path / "out" / "topography.ome.tif")
     np.testing.assert_array_equal(image.reshape(atlas.topography.shape), atlas.topography.mask)
@@ -131,7 +131,7 @@ def test_the_project_in_it_opens(atlas: Atlas, folder: Path) -> None:
 
 def test_a_folder_in_use_is_kept_unless_told_otherwise(atlas: Atlas, tmp_path: Path) -> None:
     few = atlas.replaced(
-        uv=None, sphere=None, reference=None, sealed=None, topography=None, direct=None
+        uv=None, sphere=None, reference=None, sealed=None, topography=None, on_request={}
     )
     (tmp_path / "notes.txt").write_text("mine")
     (tmp_path / "uv.ome.tif").write_text("of an earlier export")
@@ -208,7 +208,7 @@ def test_other_formats_hold_the_same(atlas: Atlas, stack: Stack, tmp_path: Path)
 def test_another_export_replaces_all_formats_of_the_earlier_one(
     atlas: Atlas, tmp_path: Path
 ) -> None:
-    few = atlas.replaced(topography=None, direct=None)
+    few = atlas.replaced(topography=None, on_request={})
     first = Formats.named(["ome-zarr", "obj"])
     export_atlas(few, tmp_path, pictures=False, formats=first)
     assert (tmp_path / "uv.ome.zarr").is_dir()

@@ -34,7 +34,7 @@ def test_every_chart_has_a_picture_with_something_on_it(atlas: Atlas, tmp_path: 
 
 
 def test_the_same_atlas_gives_the_same_picture(atlas: Atlas, tmp_path: Path) -> None:
-    few = atlas.replaced(reference=None, topography=None, sphere=None, uv=None, direct=None)
+    few = atlas.replaced(reference=None, topography=None, sphere=None, uv=None, on_request={})
     one, other = write_pictures(few, tmp_path / "a"), write_pictures(few, tmp_path / "b")
     assert [path.name for path in one] == ["surface.png"]
     assert one[0].read_bytes() == other[0].read_bytes()

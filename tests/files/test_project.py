@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.errors import Cancelled, FileFormatError, InputError
+from napari_unwrap3d.errors import Cancelled, ChartMissingError, FileFormatError, InputError
 from napari_unwrap3d.files import project
 from napari_unwrap3d.files.project import (
     SCHEMA_VERSION,
@@ -190,3 +190,19 @@ def test_fields_that_cannot_be_kept_are_named(atlas: Atlas, tmp_path: Path) -> N
     with pytest.raises(InputError, match="integer labels"):
         save_project(atlas.replaced(surface=atlas.surface.with_fields(kind=names)), tmp_path / "a")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_plane_that_is_missing_or_refused_stays_so(tmp_path: Path, atlas: Atlas) -> None:
+    refusal = {
+        "certified": False,
+        "reason": "Faces are flipped.",
+        "hint": "Use the direct chart.",
+        "places": [{"position_um": [1.0, 2.0, 3.0], "faces": 6}],
+    }
+    refused = replace(atlas, on_request={}, quality={**atlas.quality, "plane": refusal})
+    loaded = load_project(save_project(refused, tmp_path / "cell"))
+    assert not loaded.has("plane")
+    assert loaded.quality["plane"] == refusal
+    with pytest.raises(ChartMissingError, match="flipped"):
+        _ = loaded.plane
+    assert load_project(save_project(atlas, tmp_path / "whole")).has("plane")

@@ -12,6 +12,7 @@ from napari_unwrap3d.geometry.laplacian import (
     Factor,
     conjugate_gradient,
     cotangent_laplacian,
+    cotangents_from_lengths,
     faces_to_vertices,
     intrinsic_delaunay_laplacian,
     laplacian_from_weights,
@@ -235,3 +236,17 @@ def test_an_old_factor_preconditions_a_changed_system() -> None:
     exact, solved = conjugate_gradient(new, right, Factor(new), tolerance=1e-9, iterations=0)
     assert solved
     np.testing.assert_allclose(exact, expected, atol=1e-7)
+
+
+def test_cotangents_of_lengths_are_those_of_the_triangles() -> None:
+    vertices, faces = lumpy(3)
+    ends = vertices[np.roll(faces, -1, axis=1)] - vertices[np.roll(faces, -2, axis=1)]
+    weights = 0.5 * cotangents_from_lengths(np.linalg.norm(ends, axis=2))
+    made = laplacian_from_weights(weights, faces, len(vertices))
+    expected = cotangent_laplacian(vertices, faces)
+    np.testing.assert_allclose(made.toarray(), expected.toarray(), atol=1e-8)
+
+
+def test_lengths_of_no_triangle_have_finite_cotangents() -> None:
+    lengths = np.array([[1.0, 1.0, 2.0], [1.0, 1.0, 3.0], [0.0, 1.0, 1.0], [0.0, 0.0, 0.0]])
+    assert np.isfinite(cotangents_from_lengths(lengths)).all()

@@ -11,7 +11,8 @@ from napari_unwrap3d.geometry.spherical_raster import coverage
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import Pipeline, unwrap
 from napari_unwrap3d.progress import silent
-from napari_unwrap3d.unwrapping.direct import registration, same_mesh, spokesmen
+from napari_unwrap3d.unwrapping.direct import registration, spokesmen
+from napari_unwrap3d.unwrapping.surface import same_mesh
 from napari_unwrap3d.unwrapping.uv import direction_to_uv, uv_to_direction
 from shapes import QUICK, icosphere, small_cell_mask
 

@@ -12,7 +12,7 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import UV, Direct, Reference, SealedSurface, Sphere, Surface, Topography
+from ..charts import UV, Direct, Plane, Reference, SealedSurface, Sphere, Surface, Topography
 from ..errors import FileFormatError
 
 
@@ -32,7 +32,7 @@ def check_charts(charts: Mapping[str, Any]) -> None:
     """
     from ..atlas import Atlas
 
-    kinds = get_type_hints(Atlas)
+    kinds = {**get_type_hints(Atlas), "direct": Direct, "plane": Plane}
     for name, chart in charts.items():
         if chart is not None:
             _require(isinstance(chart, kinds[name]), f"The {name} is of another kind")
@@ -46,6 +46,8 @@ def check_charts(charts: Mapping[str, Any]) -> None:
         _check_topography(topography, uv, surface)
     if charts.get("direct") is not None:
         _check_direct(charts["direct"], charts.get("sealed"))
+    if charts.get("plane") is not None:
+        _check_plane(charts["plane"], charts.get("sealed"))
 
 
 def _check_sphere(sphere: Sphere, reference: Reference | None) -> None:
@@ -101,6 +103,20 @@ def _check_direct(chart: Direct, sealed: SealedSurface | None) -> None:
         same = np.array_equal(chart.faces, sealed.faces)
         _require(same, "The direct chart has other faces than the sealed surface")
         _shape("direct chart", chart.vertices, sealed.vertices.shape)
+
+
+def _check_plane(chart: Plane, sealed: SealedSurface | None) -> None:
+    _shape("vertices of the plane", chart.vertices, (len(chart.vertices), 2))
+    _shape("turns", chart.turns, (len(chart.turns), 3))
+    _shape("faces at the poles", chart.pole_faces, (2,))
+    _shape("weights of the poles", chart.pole_weights, (2, 3))
+    for name in ("weights", "positions"):
+        _shape(name, getattr(chart, name), (*chart.face.shape, 3))
+    for name in ("face", "pole_faces"):
+        _within(f"{name} of the plane", getattr(chart, name), 0, len(chart.turns))
+    if sealed is not None:
+        _shape("turns", chart.turns, sealed.faces.shape)
+        _shape("plane", chart.vertices, (len(sealed.vertices), 2))
 
 
 def _require(holds: bool, what: str, **measured: Any) -> None:

@@ -47,7 +47,17 @@ SCHEMA_VERSION = 2
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
 
-CHARTS = ("surface", "sealed", "reference", "sphere", "uv", "topography", "direct", "mask")
+CHARTS = (
+    "surface",
+    "sealed",
+    "reference",
+    "sphere",
+    "uv",
+    "topography",
+    "direct",
+    "plane",
+    "mask",
+)
 CHUNK_BYTES = 48 * 2**20
 SMOOTH_GRIDS = ("nodes", "positions")
 
@@ -278,7 +288,7 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     InputError
         There is no such file.
     """
-    from ..atlas import Atlas
+    from ..atlas import REQUESTED, Atlas
 
     report = progress if progress is not None else silent()
     with _opened(Path(path)) as root:
@@ -289,8 +299,10 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
             report(index / len(present), f"reading {name}")
             loaded[name] = _read_group(root[name], report)
         check_charts(loaded)
+        asked = {name: loaded.pop(name) for name in REQUESTED}
         return Atlas(
             **loaded,
+            on_request={name: chart for name, chart in asked.items() if chart is not None},
             parameters=Parameters.from_toml(str(summary["parameters"])),
             quality=summary["quality"],
             provenance=summary["provenance"],

@@ -108,6 +108,21 @@ LAPLACIANS = {
 }
 
 
+def cotangents_from_lengths(lengths: Floats) -> Floats:
+    """Cotangents (m, 3) of the angles opposite to edges of given lengths (m, 3).
+
+    The area is Heron's, with the floor of :data:`AREA_FLOOR`: lengths that no triangle has
+    give large but finite numbers.
+    """
+    squared = lengths**2
+    half = 0.5 * lengths.sum(axis=1)
+    heron = half * np.prod(half[:, None] - lengths, axis=1)
+    double_area = 2.0 * np.sqrt(np.maximum(heron, 0.0))
+    double_area = np.maximum(double_area, AREA_FLOOR * squared.max(axis=1) + 1e-300)
+    others = squared.sum(axis=1, keepdims=True) - 2.0 * squared
+    return np.asarray(0.5 * others / double_area[:, None])
+
+
 def laplacian_from_weights(weights: Floats, faces: Ints, size: int) -> sparse.csr_array:
     """Laplacian from one weight per corner, belonging to the edge opposite to the corner."""
     i = faces[:, [1, 2, 0]].ravel()

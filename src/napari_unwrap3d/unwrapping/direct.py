@@ -23,6 +23,7 @@ from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..geometry.spherical_raster import coverage
 from ..parameters import DirectParameters
 from ..progress import Progress
+from .surface import same_mesh
 from .topography import TopographyLocator
 from .uv import direction_to_uv, pixel_grid, uv_to_direction
 
@@ -185,16 +186,6 @@ def spokesmen(vertices: Floats, faces: Ints, owners: Ints) -> Ints:
         edges, directed=False, indices=owners, min_only=True, return_predecessors=True
     )
     return np.asarray(nearest, dtype=np.int64)
-
-
-def same_mesh(sealed: SealedSurface, surface: Surface) -> bool:
-    """Whether nothing had to be closed, so that the sealed surface is the surface."""
-    return sealed.vertices is surface.vertices or (
-        sealed.vertices.shape == surface.vertices.shape
-        and sealed.faces.shape == surface.faces.shape
-        and np.array_equal(sealed.vertices, surface.vertices)
-        and np.array_equal(sealed.faces, surface.faces)
-    )
 
 
 def labels_of_owners(chart: Direct, image: npt.NDArray[np.integer]) -> npt.NDArray[np.integer]:

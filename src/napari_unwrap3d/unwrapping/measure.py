@@ -5,15 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from ..charts import UV, Direct, Reference, SealedSurface, Sphere, Surface, Topography
+from ..charts import UV, Direct, Plane, Reference, SealedSurface, Sphere, Surface, Topography
+from ..errors import NotCertifiedError
 from ..geometry.compare import area_difference, chamfer_distance, volume_difference
 from ..geometry.distortion import (
     area_distortion,
+    conformal_error,
     flipped_faces,
     mean_conformal_error,
     mean_log_area_distortion,
 )
+from ..geometry.flat import FlatSphere
+from ..geometry.locate import SurfaceLocator, interpolate
 from ..geometry.mesh import (
     euler_characteristic,
     face_areas,
@@ -22,9 +27,11 @@ from ..geometry.mesh import (
     signed_volume,
 )
 from ..geometry.spherical_embedding import certificate
+from .plane import flat_sphere
 from .topography import topography_to_world
 
 ROUND_TRIP_VOXELS = 0.01
+ROUND_TRIP_PIXELS = 0.05
 
 Numbers = dict[str, Any]
 
@@ -140,4 +147,63 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
         "meshed_euler_characteristic": euler_characteristic(faces),
         "meshed_watertight": is_watertight(faces),
         "meshed_volume_um3": signed_volume(vertices, faces),
+    }
+
+
+def measure_plane(
+    surface: Surface, sealed: SealedSurface, chart: Plane, voxel_um: float
+) -> Numbers:
+    """The certificate, how the plane stretches, and the way there and back.
+
+    Of the faces that hold the poles there is no one stretch; they are left out.
+    """
+    flat = flat_sphere(chart, sealed.faces)
+    rows = chart.shape[0]
+    faces, target = flat.corners()
+    source = sealed.vertices[sealed.faces[faces]].reshape(-1, 3)
+    flattened = np.column_stack([np.zeros(len(source)), target.reshape(-1, 2)])
+    triangles = np.arange(len(source)).reshape(-1, 3)
+    area = flat.areas()[0]
+    miss, mapped = _plane_round_trip(surface, sealed, flat, voxel_um)
+    return {
+        "certified": True,
+        "flipped_faces": len(flat.flipped()),
+        "covered_once_fraction": float((flat.pixels().covering == 1).mean()),
+        "covered_area": float(area.sum() / (2.0 * rows**2)),
+        "smallest_face_pixels2": float(area.min()),
+        "mean_q": mean_conformal_error(source, flattened, triangles),
+        "median_q": float(np.median(conformal_error(source, flattened, triangles))),
+        "mean_abs_log_lambda": mean_log_area_distortion(source, flattened, triangles),
+        "round_trip_fraction": float((miss <= ROUND_TRIP_PIXELS).sum() / max(mapped, 1)),
+        "round_trip_max_pixels": float(miss.max(initial=0.0)),
+        "unmapped_fraction": 1.0 - mapped / len(surface.vertices),
+        "of_sealed_surface": chart.of_sealed,
+        "laplacian": chart.laplacian,
+        "iterations": chart.iterations,
+    }
+
+
+def _plane_round_trip(
+    surface: Surface, sealed: SealedSurface, flat: FlatSphere, voxel_um: float
+) -> tuple[npt.NDArray[np.float64], int]:
+    """Pixels between a vertex's image and that of its way back, and how many have one."""
+    locator = SurfaceLocator(sealed.vertices, sealed.faces)
+    face, weights, distance = locator.closest(surface.vertices)
+    near = distance <= voxel_um
+    image = flat.at(face[near], weights[near])
+    back = interpolate(sealed.vertices, sealed.faces, *flat.locate(image))
+    again = flat.at(*locator.closest(back)[:2])
+    miss = np.abs(again - image)
+    miss[:, 1] = np.minimum(miss[:, 1], 2.0 * flat.rows - miss[:, 1])
+    return np.hypot(miss[:, 0], miss[:, 1]), int(near.sum())
+
+
+def measure_refusal(error: NotCertifiedError) -> Numbers:
+    """Why and where a chart was refused."""
+    return {
+        "certified": False,
+        "reason": str(error).removesuffix(error.hint).strip(),
+        "hint": error.hint,
+        **error.measured,
+        "places": [dict(place) for place in error.places],
     }

@@ -172,3 +172,13 @@ def is_sphere(faces: Ints) -> bool:
     """
     closed = is_watertight(faces) and euler_characteristic(faces) == 2
     return closed and int(connected_components(faces)[0].max()) == 0
+
+
+def same_mesh(sealed: SealedSurface, surface: Surface) -> bool:
+    """Whether nothing had to be closed, so that the sealed surface is the surface."""
+    return sealed.vertices is surface.vertices or (
+        sealed.vertices.shape == surface.vertices.shape
+        and sealed.faces.shape == surface.faces.shape
+        and np.array_equal(sealed.vertices, surface.vertices)
+        and np.array_equal(sealed.faces, surface.faces)
+    )

@@ -18,6 +18,7 @@ from ..geometry.curvilinear import (
     rows_from_v,
     trim_folded,
     v_from_rows,
+    volume_elements,
 )
 from ..geometry.interpolate import sample_linear
 from ..geometry.locate import SphericalLocator, interpolate
@@ -25,6 +26,7 @@ from ..geometry.padding import wrap_uv
 from ..geometry.streamlines import trace_into
 from ..parameters import SurfaceParameters, TopographyParameters
 from ..progress import Progress
+from .active_contour import automatic_step, contour_nodes
 from .normal_field import NormalField, normal_field
 from .topographic_surface import cut_at_seam, faces_in_columns, mesh_mapped_mask
 from .uv import uv_to_direction
@@ -64,15 +66,17 @@ def topography(
     """
     assert reference.mask is not None
     field = normal_field(reference.mask, surface.vertices, progress.part(0.0, 0.2))
-    inward, outward, voxel_step = _extent(field, surface, parameters)
-    nodes, first_layer = trace_nodes(
-        field,
-        _start_points(reference, sphere, uv),
-        inward,
-        outward,
-        voxel_step,
-        progress.part(0.2, 0.55),
-    )
+    step = parameters.step_voxels
+    if parameters.automatic_step:
+        step = automatic_step(uv.positions, mask.voxel_size[0])
+    inward, outward, voxel_step = _extent(field, surface, parameters, step)
+    start, part = _start_points(reference, sphere, uv), progress.part(0.2, 0.55)
+    if parameters.propagation == "active_contour":
+        nodes, first_layer = contour_nodes(
+            field, start, inward, outward, voxel_step, parameters, part
+        )
+    else:
+        nodes, first_layer = trace_nodes(field, start, inward, outward, voxel_step, part)
     progress(0.6, "mapping the surface")
     edge = mask.voxel_size[0]
     step_um = voxel_step * edge
@@ -114,7 +118,7 @@ def topography(
 
 
 def _extent(
-    field: NormalField, surface: Surface, parameters: TopographyParameters
+    field: NormalField, surface: Surface, parameters: TopographyParameters, step: float
 ) -> tuple[int, int, float]:
     """Numbers of layers inwards and outwards, and their distance in voxels (α).
 
@@ -123,7 +127,6 @@ def _extent(
     """
     edge = field.distance.voxel_size[0]
     length = field.arc_length(surface.vertices)
-    step = parameters.step_voxels
     margin = parameters.margin_voxels
     highest = max(float(np.nanmax(length, initial=0.0)), 0.0)
     deepest = max(-float(np.nanmin(length, initial=0.0)), 0.0)
@@ -305,6 +308,26 @@ class TopographyLocator:
         v = v_from_rows(grid[:, 1], rows)
         vu = wrap_uv(np.stack([v, grid[:, 2]], axis=1), rows)
         return np.column_stack([d, vu])
+
+
+def locate_in_columns(
+    chart: Topography, points: Floats, voxel_um: float, progress: Progress
+) -> Floats:
+    """(d µm, v, u) of points (n, 3) in µm, NaN where no column reaches."""
+    locator = TopographyLocator(chart.nodes, chart.d_um, voxel_um)
+    image, _ = locator.locate(points, progress)
+    grid = _to_grid(image, chart.d_um, chart.shape[1])
+    image[~_in_columns(grid, chart.first_layer, chart.last_layer)] = np.nan
+    return image
+
+
+def differential_volume(chart: Topography) -> npt.NDArray[np.float32]:
+    """Volume dV (D, N, 2N) in µm³ of every (d, u, v) voxel; 0 where there is no space.
+
+    Paper, "Quantification of geometric deformation error for UV images".
+    """
+    volume = volume_elements(chart.nodes, chart.first_layer, chart.last_layer)
+    return np.asarray(volume, np.float32)
 
 
 def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:

@@ -18,7 +18,7 @@ from qtpy.QtCore import QObject, Signal
 from ..atlas import Atlas
 from ..charts import Stack, Surface
 from ..parameters import Parameters
-from ..pipeline import UNWRAP_STEPS, Pipeline
+from ..pipeline import STEP_NAMES, Pipeline
 from ..progress import Progress
 from .layers import LayerData, Layout, atlas_charts, chart_layers, chart_of_step
 from .sources import LayerSource
@@ -147,10 +147,10 @@ class Computation(QObject):
 
     def _send_chart(self, step: str) -> None:
         """Show a chart as soon as it is there, coloured by what is known so far."""
-        if step not in UNWRAP_STEPS or step == "stack" or self._known is None:
+        if step not in STEP_NAMES or step == "stack" or self._known is None:
             return
         results = self._known.pipeline.results
-        known = UNWRAP_STEPS[: UNWRAP_STEPS.index(step) + 1]
+        known = STEP_NAMES[: STEP_NAMES.index(step) + 1]
         charts = {chart_of_step(name): results[name] for name in known if name in results}
         shown = ("mask", "surface") if step == "surface" else (chart_of_step(step),)
         self._show(charts, shown)

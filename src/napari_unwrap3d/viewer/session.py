@@ -17,7 +17,7 @@ from qtpy.QtCore import QEvent, QObject, QTimer, Signal
 from ..atlas import Atlas
 from ..errors import Cancelled, Unwrap3DError
 from ..parameters import Parameters
-from ..pipeline import UNWRAP_STEPS
+from ..pipeline import STEP_NAMES
 from .computing import Computation, Known, Outcome
 from .layers import LayerData
 from .placing import chart_of, placing, remove_charts
@@ -83,7 +83,7 @@ class Session(QObject):
         super().__init__(parent)
         self._viewer = weakref.ref(viewer)
         self.atlas: Atlas | None = None
-        self.steps = {name: StepState() for name in UNWRAP_STEPS}
+        self.steps = {name: StepState() for name in STEP_NAMES}
         self._known: Known | None = None
         self._parameters = Parameters()
         self._computation: Computation | None = None
@@ -202,7 +202,7 @@ class Session(QObject):
             remove_charts(viewer)
         self._known = known
         self.atlas = None
-        self.steps = {name: StepState() for name in UNWRAP_STEPS}
+        self.steps = {name: StepState() for name in STEP_NAMES}
         self.steps_changed.emit()
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:

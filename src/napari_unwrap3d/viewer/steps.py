@@ -8,7 +8,7 @@ from typing import Any
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QGridLayout, QLabel, QWidget
 
-from ..pipeline import UNWRAP_STEPS
+from ..pipeline import STEP_NAMES
 from ..quality import quality_rows, worst_mark
 from .session import DONE, FAILED, READY, RUNNING, STALE, StepState
 
@@ -20,6 +20,7 @@ TITLES = {
     "sphere": "Sphere",
     "uv": "uv",
     "topography": "Topography",
+    "plane": "Plane",
 }
 
 MARKS = {
@@ -63,7 +64,7 @@ class StepList(QWidget):
         grid.setVerticalSpacing(2)
         grid.setColumnStretch(3, 1)
         self.rows: dict[str, tuple[QLabel, QLabel, QLabel]] = {}
-        for row, name in enumerate(UNWRAP_STEPS):
+        for row, name in enumerate(STEP_NAMES):
             mark, seconds, numbers = QLabel(), QLabel(), QLabel()
             seconds.setAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
             for column, label in enumerate((mark, QLabel(TITLES[name]), seconds, numbers)):

@@ -27,7 +27,7 @@ from qtpy.QtWidgets import (
 from ..errors import Unwrap3DError
 from ..files.project import SUFFIX, save_project
 from ..parameters import PRESETS, Parameters, StackParameters
-from ..pipeline import UNWRAP_STEPS
+from ..pipeline import STEP_NAMES
 from .forms import ParametersForm
 from .session import session_of
 from .sources import is_source, layer_axes, layer_voxel_size
@@ -333,9 +333,10 @@ class UnwrapWidget(QWidget):
         self._update_ready()
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:
-        position = UNWRAP_STEPS.index(step)
-        self.progress_bar.setValue(round(1000 * (position + fraction) / len(UNWRAP_STEPS)))
-        self.progress_bar.setFormat(f"{position + 1}/{len(UNWRAP_STEPS)} {TITLES[step]}")
+        # Steps that run on request come after the others, and have no row of their own.
+        position = STEP_NAMES.index(step) if step in STEP_NAMES else len(STEP_NAMES) - 1
+        self.progress_bar.setValue(round(1000 * (position + fraction) / len(STEP_NAMES)))
+        self.progress_bar.setFormat(f"{position + 1}/{len(STEP_NAMES)} {TITLES[step]}")
         if self.session.running and message:
             self.message.setText(message)
 
