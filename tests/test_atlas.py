@@ -34,9 +34,6 @@ def points_of(atlas: Atlas, chart: str, count: int = 2000) -> np.ndarray:
     pixels = rng.uniform([-0.5, -0.5], high, (count, 2))
     if chart == "uv":
         return pixels
-    if chart == "direct":
-        high = [atlas.direct.shape[0] - 0.5, atlas.direct.shape[1] - 0.5]
-        return rng.uniform([-0.5, -0.5], high, (count, 2))
     topographic = np.column_stack([rng.uniform(-0.8, atlas.topography.d_um[-1], count), pixels])
     if chart == "topography":
         return topographic
@@ -107,12 +104,8 @@ def test_any_chart_to_any_chart(handle_atlas: Atlas, source: str, target: str) -
     assert valid.dtype == bool
     assert np.isfinite(mapped[valid]).all()
     assert np.isnan(mapped[~valid]).all()
-    # Points in space need not lie on the surface, nor on what closes its handle.
-    in_space = source in ("volume", "topography") and target in ("surface", "direct")
-    if not in_space and "direct" not in (source, target):
+    if (source, target) not in {("volume", "surface"), ("topography", "surface")}:
         assert valid.mean() > 0.99
-    elif not in_space:
-        assert valid.mean() > 0.8
     if source == target:
         np.testing.assert_array_equal(mapped, points)
 
@@ -271,16 +264,19 @@ def test_the_map_is_continuous_over_the_seam_and_the_poles(small_atlas: Atlas) -
 # The plane, which is computed on request ---------------------------------------------
 
 
-def test_a_plane_that_was_not_asked_for_says_how_to_get_it(small_atlas: Atlas) -> None:
-    assert not small_atlas.has("plane")
-    with pytest.raises(ChartMissingError, match="on request") as caught:
-        _ = small_atlas.plane
-    assert "run --plane" in caught.value.hint
-    for way in (("surface", "plane"), ("plane", "surface")):
-        points = np.zeros((1, (COORDINATES | REQUESTED)[way[0]]))
-        with pytest.raises(ChartMissingError, match="on request"):
-            small_atlas.map(points, *way)
-    assert dataclasses.replace(small_atlas, mask=small_atlas.mask).has("topography")
+def test_charts_on_request_are_computed_when_first_read(small_pipeline: Pipeline) -> None:
+    atlas = small_pipeline.run(QUICK)
+    assert not atlas.has("plane")
+    copy = dataclasses.replace(atlas, mask=atlas.mask)
+    _, valid = atlas.map(atlas.surface.vertices[:5], "surface", "plane")
+    assert valid.all()
+    assert atlas.has("plane")
+    assert atlas.quality["plane"]["certified"]
+    assert not copy.has("plane")
+    part = small_pipeline.run(QUICK, until="uv")
+    for name in REQUESTED:
+        with pytest.raises(ChartMissingError, match=name):
+            getattr(part, name)
 
 
 def test_plane_and_surface_are_one_to_one(plane_atlas: Atlas) -> None:
@@ -340,7 +336,7 @@ def test_what_was_sealed_has_no_image_on_the_surface(plane_handle_atlas: Atlas) 
 
 def test_a_refused_plane_says_why(small_atlas: Atlas) -> None:
     quality = {"plane": {"certified": False, "reason": "Faces are flipped.", "hint": "Use direct."}}
-    refused = dataclasses.replace(small_atlas, quality=quality)
+    refused = dataclasses.replace(small_atlas, quality=quality, on_request={})
     assert not refused.has("plane")
     with pytest.raises(ChartMissingError, match="refused: Faces are flipped") as caught:
         refused.map(np.zeros((1, 2)), "plane", "surface")

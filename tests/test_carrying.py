@@ -247,9 +247,9 @@ def test_a_volume_knows_its_place(small_atlas: Atlas) -> None:
 def test_unknown_and_missing_charts(small_atlas: Atlas, small_pipeline: Pipeline) -> None:
     image = np.zeros(small_atlas.uv.shape)
     with pytest.raises(ChartMissingError):
-        small_atlas.carry(image, "plane", "uv")
+        small_atlas.carry(image, "plan", "uv")
     with pytest.raises(ChartMissingError):
-        small_atlas.carry(image, "uv", "plane")
+        small_atlas.carry(image, "uv", "plan")
     part = small_pipeline.run(QUICK, until="uv")
     with pytest.raises(ChartMissingError, match="topography"):
         part.carry(image, "uv", "surface")

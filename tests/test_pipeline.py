@@ -1,6 +1,7 @@
 """The pipeline: what runs again, what is kept, progress, cancellation, determinism."""
 
 import threading
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -37,7 +38,13 @@ def copy_of(pipeline: Pipeline) -> Pipeline:
 
 
 CHANGES = {
-    "stack": {"second_cell_fraction": 0.4},
+    "stack": {
+        "second_cell_fraction": 0.4,
+        "psf": "psf.tif",
+        "psf_voxel_um": (0.1, 0.1, 0.1),
+        "crop_voxels": (0, 40, 0, 40, 0, 40),
+        "crop_um": (0.0, 4.0, 0.0, 4.0, 0.0, 4.0),
+    },
     "surface": {"curvature_smoothing_voxels": 2.5},
     "reference": {"extra_iterations": 1},
     "sphere": {"blend": 0.8},
@@ -381,6 +388,18 @@ def test_a_field_of_the_surface_weighs_the_axis(small_pipeline: Pipeline) -> Non
     wrong = changed("uv", axis_weight="field", axis_field="actin")
     with pytest.raises(ParameterError, match=r"'actin'"):
         copy_of(small_pipeline).run(wrong, until="uv")
+
+
+def test_another_psf_under_the_same_name_is_noticed(
+    small_pipeline: Pipeline, tmp_path: Path
+) -> None:
+    path = tmp_path / "psf.tif"
+    path.write_bytes(b"1")
+    parameters = changed("stack", psf=str(path))
+    keys = [small_pipeline._key(STEPS[0], parameters)]
+    path.write_bytes(b"22")
+    keys.append(small_pipeline._key(STEPS[0], parameters))
+    assert keys[0] != keys[1]
 
 
 # Steps on request --------------------------------------------------------------------

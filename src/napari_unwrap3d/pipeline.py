@@ -11,6 +11,7 @@ import logging
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,6 +156,8 @@ class Pipeline:
             getattr(parameters, group).model_dump_json(exclude={"compute"})
             for group in step.parameters
         ]
+        if "stack" in step.parameters and parameters.stack.psf:
+            own.append(_file_state(parameters.stack.psf))
         inputs = [self._key(_BY_NAME[name], parameters) for name in step.needs]
         return content_hash(STEP_VERSION, step.name, self._source_key, own, inputs)
 
@@ -251,6 +254,15 @@ def _source_key(source: Source) -> str:
     token = getattr(source.data, "name", None)
     content = token if token is not None else np.asarray(source.data)
     return content_hash("stack", source.axes, source.voxel_size, content)
+
+
+def _file_state(path: str) -> str:
+    """What changes when a file is replaced under the same name; empty if there is none."""
+    try:
+        state = Path(path).stat()
+    except OSError:
+        return ""
+    return f"{state.st_mtime_ns} {state.st_size}"
 
 
 def _with_heights(charts: dict[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import Cancelled, MeshError
 from napari_unwrap3d.geometry.distortion import mean_conformal_error
-from napari_unwrap3d.geometry.laplacian import LAPLACIANS, cotangent_laplacian, vertex_mass
+from napari_unwrap3d.geometry.intrinsic import LAPLACIANS
+from napari_unwrap3d.geometry.laplacian import cotangent_laplacian, vertex_mass
 from napari_unwrap3d.geometry.mesh import face_areas, signed_volume
 from napari_unwrap3d.parameters import ReferenceParameters
 from napari_unwrap3d.progress import Progress, silent

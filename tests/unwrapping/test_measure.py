@@ -8,11 +8,13 @@ import pytest
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Reference, SealedSurface, Sphere, Surface
 from napari_unwrap3d.geometry.mesh import face_areas
+from napari_unwrap3d.pipeline import Pipeline
 from napari_unwrap3d.unwrapping.measure import measure_sphere
-from shapes import VOXEL_UM, icosphere
+from shapes import QUICK, VOXEL_UM, icosphere
 
 
-def test_every_step_has_numbers_and_all_are_json(small_atlas: Atlas) -> None:
+def test_every_step_has_numbers_and_all_are_json(small_pipeline: Pipeline) -> None:
+    small_atlas = small_pipeline.run(QUICK)
     steps = ["stack", "surface", "sealed", "reference", "sphere", "uv", "topography"]
     assert list(small_atlas.quality) == steps
     text = json.dumps(small_atlas.quality, allow_nan=False)

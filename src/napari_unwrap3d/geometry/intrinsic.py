@@ -11,8 +11,10 @@ from __future__ import annotations
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy import sparse
 
-from .laplacian import cotangents_from_lengths
+from ..errors import MeshError
+from .laplacian import cotangent_laplacian, cotangents_from_lengths
 from .mesh import edges_with_faces
 
 Floats = npt.NDArray[np.float64]
@@ -21,6 +23,8 @@ Ints = npt.NDArray[np.int64]
 # The paper's mollify factor: by how much, in mean edge lengths, two edges of a triangle are
 # longer than the third.
 MOLLIFY = 1e-5
+# Where triangles are thinner than this, lengths alone do not say which way to flip.
+THINNEST = 1e-6
 # Sums of two cotangents down to this are rounding.
 DELAUNAY_TOLERANCE = 1e-9
 FLIPS_PER_EDGE = 50
@@ -143,3 +147,63 @@ def _flip_until_delaunay(faces, lengths, over, twin, limit):  # type: ignore[no-
         flips += 1
         stack.extend(here)
     return flips
+
+
+def intrinsic_delaunay_laplacian(vertices: Floats, faces: Ints) -> sparse.csr_array:
+    """Cotangent Laplacian (n, n) of the intrinsic Delaunay triangulation of the same surface.
+
+    Edges are flipped within the surface, by their lengths alone, until no weight is negative
+    (Fisher et al. 2007, doi:10.1007/s00607-007-0249-8), so that a maximum principle holds. A
+    mesh that is Delaunay keeps its cotangent weights.
+
+    Raises
+    ------
+    MeshError
+        Triangles are collapsed: their edge lengths do not say which way to flip.
+    """
+    lengths, slack = _edge_lengths(vertices, faces)
+    collapsed = int((slack < THINNEST * lengths.mean()).any(axis=1).sum())
+    if collapsed:
+        raise MeshError(
+            "Triangles are too thin for the intrinsic Delaunay Laplacian.",
+            collapsed_faces=collapsed,
+            hint="Choose the robust Laplacian, which mollifies them.",
+        )
+    return _laplacian_of_lengths(lengths, faces, len(vertices))
+
+
+def robust_laplacian(
+    vertices: Floats, faces: Ints, *, mollify: float = MOLLIFY
+) -> sparse.csr_array:
+    """The intrinsic Delaunay Laplacian (n, n) of mollified edge lengths.
+
+    Sharp and Crane 2020, doi:10.1111/cgf.14069, for manifold meshes: one length is added to
+    every edge, the smallest with which no triangle is thinner than `mollify` times the mean
+    edge. Without such triangles it is the intrinsic Delaunay Laplacian.
+    """
+    lengths, _ = _edge_lengths(vertices, faces)
+    of_face = edges_with_faces(faces).of_face
+    return _laplacian_of_lengths(mollified(lengths, of_face, mollify), faces, len(vertices))
+
+
+def _edge_lengths(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
+    """Length (m, 3) of the edge opposite to each corner, and what the other two have more."""
+    corners = vertices[faces]
+    across = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
+    lengths = np.sqrt(np.einsum("ijk,ijk->ij", across, across))
+    return lengths, lengths.sum(axis=1, keepdims=True) - 2.0 * lengths
+
+
+def _laplacian_of_lengths(lengths: Floats, faces: Ints, size: int) -> sparse.csr_array:
+    ends, weights, _ = delaunay_edges(lengths, faces, np.zeros_like(faces))
+    half = sparse.coo_array((weights, (ends[:, 0], ends[:, 1])), shape=(size, size)).tocsr()
+    full = half + half.T
+    # An edge from a vertex to itself counts in both sums and does nothing.
+    return sparse.csr_array(full - sparse.diags_array(np.asarray(full.sum(axis=1)).ravel()))
+
+
+LAPLACIANS = {
+    "cotangent": cotangent_laplacian,
+    "intrinsic-delaunay": intrinsic_delaunay_laplacian,
+    "robust": robust_laplacian,
+}

@@ -13,19 +13,12 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from ..errors import MeshError
-
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 # A triangle is treated as having at least this area relative to its longest edge squared,
 # so that a collapsed triangle gives a large but finite cotangent, never NaN.
 AREA_FLOOR = 1e-12
-# In every triangle two edges are to be longer than the third by at least this fraction of the
-# mean edge: the paper's mollify factor.
-MOLLIFY = 1e-5
-# Flipping edges by their lengths alone does not end where triangles are thinner than this.
-THINNEST = 1e-6
 
 
 def cotangent_laplacian(vertices: Floats, faces: Ints) -> sparse.csr_array:
@@ -45,67 +38,6 @@ def cotangent_laplacian(vertices: Floats, faces: Ints) -> sparse.csr_array:
     )
     weights = 0.5 * cotangents / double_area[:, None]
     return laplacian_from_weights(weights, faces, len(vertices))
-
-
-def intrinsic_delaunay_laplacian(vertices: Floats, faces: Ints) -> sparse.csr_array:
-    """Cotangent Laplacian (n, n) of the intrinsic Delaunay triangulation of the same surface.
-
-    Edges are flipped within the surface, by their lengths alone, until no weight is negative
-    (Fisher et al. 2007, doi:10.1007/s00607-007-0249-8), so that a maximum principle holds. A
-    mesh that is Delaunay keeps its cotangent weights.
-
-    Raises
-    ------
-    MeshError
-        Triangles are collapsed: their edge lengths do not say which way to flip.
-    """
-    lengths, slack = _edge_lengths(vertices, faces)
-    collapsed = int((slack < THINNEST * lengths.mean()).any(axis=1).sum())
-    if collapsed:
-        raise MeshError(
-            "Triangles are too thin for the intrinsic Delaunay Laplacian.",
-            collapsed_faces=collapsed,
-            hint="Choose the robust Laplacian, which mollifies them.",
-        )
-    return _laplacian_of_lengths(lengths, faces, len(vertices))
-
-
-def robust_laplacian(
-    vertices: Floats, faces: Ints, *, mollify: float = MOLLIFY
-) -> sparse.csr_array:
-    """The intrinsic Delaunay Laplacian (n, n) of mollified edge lengths.
-
-    Sharp and Crane 2020, doi:10.1111/cgf.14069, for manifold meshes: one length is added to
-    every edge, the smallest with which no triangle is thinner than `mollify` times the mean
-    edge. Without such triangles it is the intrinsic Delaunay Laplacian.
-    """
-    lengths, slack = _edge_lengths(vertices, faces)
-    missing = max(mollify * float(lengths.mean()) - float(slack.min()), 0.0)
-    return _laplacian_of_lengths(lengths + missing, faces, len(vertices))
-
-
-def _edge_lengths(vertices: Floats, faces: Ints) -> tuple[Floats, Floats]:
-    """Length (m, 3) of the edge opposite to each corner, and what the other two have more."""
-    corners = vertices[faces]
-    across = np.roll(corners, -2, axis=1) - np.roll(corners, -1, axis=1)
-    lengths = np.sqrt(np.einsum("ijk,ijk->ij", across, across))
-    return lengths, lengths.sum(axis=1, keepdims=True) - 2.0 * lengths
-
-
-def _laplacian_of_lengths(lengths: Floats, faces: Ints, size: int) -> sparse.csr_array:
-    import igl
-
-    flipped, triangles, *_ = igl.intrinsic_delaunay_triangulation(lengths, faces)
-    laplacian = sparse.csr_array(igl.cotmatrix_intrinsic(flipped, triangles))
-    laplacian.resize((size, size))
-    return laplacian
-
-
-LAPLACIANS = {
-    "cotangent": cotangent_laplacian,
-    "intrinsic-delaunay": intrinsic_delaunay_laplacian,
-    "robust": robust_laplacian,
-}
 
 
 def cotangents_from_lengths(lengths: Floats) -> Floats:

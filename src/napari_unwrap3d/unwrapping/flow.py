@@ -17,7 +17,8 @@ import scipy.sparse as sparse
 from ..charts import Floats, Ints
 from ..errors import MeshError
 from ..geometry.curvature import total_absolute_curvature
-from ..geometry.laplacian import LAPLACIANS, Factor, mass_matrix
+from ..geometry.intrinsic import LAPLACIANS
+from ..geometry.laplacian import Factor, mass_matrix
 from ..geometry.mesh import face_areas, signed_volume
 from ..parameters import ReferenceParameters
 from ..progress import Progress
