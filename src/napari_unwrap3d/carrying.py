@@ -14,7 +14,7 @@ from .charts import Floats, TriangleMesh, Volume
 from .errors import AxesError, ChartMissingError, ParameterError
 from .geometry.interpolate import sample_linear, sample_nearest
 from .geometry.locate import LabelInterpolator, interpolate
-from .geometry.padding import sample_uv_linear, sample_uv_nearest
+from .geometry.padding import sample_uv_label, sample_uv_linear
 from .progress import Progress
 from .unwrapping.direct import labels_of_owners
 from .unwrapping.surface import same_mesh
@@ -183,7 +183,7 @@ def _reader(
     """What reads the values of the source at points in its coordinates."""
     label = kind == "label"
     if source in ("uv", "direct", "plane"):
-        return partial(sample_uv_nearest if label else sample_uv_linear, values)
+        return partial(sample_uv_label if label else sample_uv_linear, values)
     if source == "topography":
         return lambda points: _sample_topography(atlas, values, points, label)
     if source == "volume":

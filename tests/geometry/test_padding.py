@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.geometry.padding import (
     pad_sphere,
+    sample_uv_label,
     sample_uv_linear,
     sample_uv_nearest,
     wrap_uv,
@@ -103,3 +104,25 @@ def test_nearest_takes_the_pixel_that_holds_the_point() -> None:
     points = np.array([[2.4, 5.4], [2.6, 5.6], [0, -0.6], [0, 15.6], [-0.7, 3], [7.6, 3]])
     rows, columns = [2, 3, 0, 0, 0, 7], [5, 6, 15, 0, 11, 11]
     np.testing.assert_array_equal(sample_uv_nearest(labels, points), labels[rows, columns])
+
+
+def test_labels_are_chosen_by_bilinear_votes() -> None:
+    labels = np.zeros((8, 16), int)
+    labels[:, 5] = 1
+    labels[4:, 6] = 2
+    points = np.array([[2, 5], [2, 5.4], [2, 5.6], [4.4, 5.45], [3.5, 5.5], [7.4, 5.2]])
+    np.testing.assert_array_equal(sample_uv_label(labels, points), [1, 1, 0, 1, 1, 1])
+    # Three pixels of one label outvote the nearest one of another.
+    corner = np.ones((8, 16), int)
+    corner[3, 3] = 2
+    np.testing.assert_array_equal(sample_uv_label(corner, np.array([[3.4, 3.4]])), [1])
+
+
+def test_a_pixels_centre_has_its_own_label_also_at_the_seam_and_the_poles() -> None:
+    labels = np.random.default_rng(0).integers(0, 5, (8, 16))
+    points = pixel_grid(8).reshape(-1, 2)
+    np.testing.assert_array_equal(sample_uv_label(labels, points), labels.ravel())
+    turned = np.add(points, (0.0, 16.0))
+    np.testing.assert_array_equal(sample_uv_label(labels, turned), labels.ravel())
+    over = np.array([[-1.0, 3.0], [8.0, 3.0]])
+    np.testing.assert_array_equal(sample_uv_label(labels, over), [labels[0, 11], labels[7, 11]])

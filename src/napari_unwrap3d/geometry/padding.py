@@ -76,6 +76,24 @@ def sample_uv_nearest(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) 
     return values
 
 
+def sample_uv_label(image: npt.NDArray[Any], points: npt.NDArray[np.float64]) -> npt.NDArray[Any]:
+    """Labels of a uv image (N, 2N) at points (n, 2) (v, u): the largest bilinear vote wins.
+
+    Of equal votes the nearer pixel's wins, so that a pixel's own centre has its own label.
+    """
+    rows = image.shape[0]
+    padded = pad_sphere(image, 1)
+    v, u = (wrap_uv(points, rows) + 1.0).T
+    i, j = np.floor(v).astype(np.int64), np.floor(u).astype(np.int64)
+    fv, fu = v - i, u - j
+    labels = np.stack([padded[i + p, j + q] for p in (0, 1) for q in (0, 1)])
+    shares = np.stack([a * b for a in (1 - fv, fv) for b in (1 - fu, fu)])
+    votes = [((labels == label) * shares).sum(axis=0) for label in labels]
+    winner = np.argmax(np.round(votes, 12) + 1e-13 * shares, axis=0)
+    values: npt.NDArray[Any] = labels[winner, np.arange(len(points))]
+    return values
+
+
 def _take(image: npt.NDArray[Any], axis: int, part: slice) -> npt.NDArray[Any]:
     index = [slice(None)] * image.ndim
     index[axis] = part
