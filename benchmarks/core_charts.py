@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from common import measures, regions, results
+from common import measures, regions, requested, results
 from common.cases import FULL, Case, all_cases
 from common.children import run_child
 from common.results import Bar, Entries, Entry
@@ -180,6 +180,9 @@ def run_case(case: Case) -> dict[str, Any]:
     entries: Entries = {}
     for measure in MEASUREMENTS:
         entries |= _timed(times, measure.__name__, measure, atlas)
+    kind = case.name.removesuffix("-stack").rsplit("-", 1)[0]
+    for measure_chart in (requested.measure_direct, requested.measure_plane):
+        entries |= _timed(times, measure_chart.__name__, measure_chart, atlas, kind)
     silent = silent_defects(atlas, source)
     entries["charts"] = BARS["charts"].entry(0.0 if silent else 1.0, note=silent)
     for entry in entries.values():

@@ -63,8 +63,10 @@ def ball_without_handles(
     full = fill_cavities(solid)
     if closing == "seal" or handles(full) == 0:
         return sealed
-    membranes, _ = ndimage.label(sealed & ~full, structure=_CORNERS)
-    if membranes.max() == 0 or np.bincount(membranes.ravel())[1:].max() < SMALLEST_CUT:
+    labels, _ = ndimage.label(sealed & ~full, structure=_CORNERS)
+    membranes = np.bincount(labels.ravel())[1:]
+    membranes = membranes[membranes >= SMALLEST_CUT]
+    if len(membranes) == 0:
         return sealed
     check()
     cuts, radius = largest_cuts(full)
@@ -74,7 +76,7 @@ def ball_without_handles(
     if not cuts:
         return sealed
     every = _with_cuts(full, cuts)
-    return _smallest_change(full, cuts, sealed, every, check)
+    return _smallest_change(full, cuts, sealed, every, membranes, check)
 
 
 def largest_cuts(full: Solid) -> tuple[list[Solid], float]:
@@ -96,7 +98,12 @@ def largest_cuts(full: Solid) -> tuple[list[Solid], float]:
 
 
 def _smallest_change(
-    full: Solid, cuts: list[Solid], sealed: Solid, every: Solid, check: Callable[[], None]
+    full: Solid,
+    cuts: list[Solid],
+    sealed: Solid,
+    every: Solid,
+    membranes: npt.NDArray[np.int64],
+    check: Callable[[], None],
 ) -> Solid:
     """From all sealed or all cut, whichever is closer, decide the largest one by one."""
     chosen = [False] * len(cuts)
@@ -106,6 +113,10 @@ def _smallest_change(
     if len(cuts) == 1:
         return best
     for number in range(min(len(cuts), DECIDED_ONE_BY_ONE)):
+        size = cuts[number].sum()
+        # It can only help to close what takes more than a membrane, and to cut what takes less.
+        if size <= membranes.min() if chosen[number] else size >= membranes.max():
+            continue
         check()
         other = [use != (k == number) for k, use in enumerate(chosen)]
         attempt = _with_cuts(full, [cut for cut, use in zip(cuts, other, strict=True) if use])
