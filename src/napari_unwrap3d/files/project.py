@@ -65,7 +65,9 @@ SMOOTH_GRIDS = ("nodes", "positions")
 TYPES = {
     name: kind
     for name, kind in vars(charts).items()
-    if isinstance(kind, type) and is_dataclass(kind) and kind.__module__ == charts.__name__
+    if isinstance(kind, type)
+    and is_dataclass(kind)
+    and kind.__module__.startswith(f"{charts.__name__}.")
 }
 
 # What zipfile, zarr, numpy and the charts raise on files that hold something else.
