@@ -186,7 +186,8 @@ def test_other_formats_hold_the_same(atlas: Atlas, stack: Stack, tmp_path: Path)
     names = {path.name for path in (tmp_path / "meshes").iterdir()}
     stems = {"surface", "sealed", "reference", "sphere", "sphere_conformal", "direct"}
     stems |= {"topographic_surface", "topographic_surface_duv"}
-    textured = {f"{n}{s}" for n in ("surface", "reference", "sphere") for s in (".mtl", ".png")}
+    with_texture = ("surface", "sealed", "reference", "sphere")
+    textured = {f"{name}{suffix}" for name in with_texture for suffix in (".mtl", ".png")}
     assert names == {f"{stem}{suffix}" for stem in stems for suffix in (".obj", ".vtp")} | textured
     for suffix in (".obj", ".vtp"):
         read = read_mesh(tmp_path / "meshes" / f"surface{suffix}")

@@ -15,6 +15,7 @@ import numpy.typing as npt
 
 from ..charts import Floats, Ints, check_mesh_arrays
 from ..errors import AxesError, InputError, MeshError
+from ..unwrapping.surface import same_mesh
 from ..unwrapping.topographic_surface import cut_at_seam
 from ..unwrapping.uv import direction_to_uv
 from .atomic import replacing
@@ -29,6 +30,7 @@ AT_POLE = 1e-6
 
 # Fields of the uv chart that can be a texture, the first one that is there.
 SURFACE_FIELDS = ("surface_mean_curvature_per_um", "surface_height_um")
+DIRECT_FIELD = "mean_curvature_per_um"
 REFERENCE_FIELDS = ("mean_curvature_per_um", "area_distortion")
 
 
@@ -93,15 +95,21 @@ def write_textured_mesh(
 def atlas_texture(atlas: Atlas, chart: str) -> tuple[Floats, npt.NDArray[np.uint8]] | None:
     """(v, u) per vertex and the texture of a chart; None for one that has none.
 
-    The surface shows what lies outermost over each pixel, its mean curvature; the reference
-    and the sphere show the reference's.
+    Where the atlas has the direct chart, the sealed surface, and the surface if nothing had
+    to be closed, show its image, in which every sheet has a place of its own. Without it the
+    surface shows what lies outermost over each pixel of uv. All show the mean curvature;
+    the reference and the sphere that of the reference.
 
     Parameters
     ----------
     atlas : Atlas
     chart : str
-        "surface", "reference" or "sphere".
+        "surface", "sealed", "reference" or "sphere".
     """
+    if atlas.has("direct") and (
+        chart == "sealed" or (chart == "surface" and same_mesh(atlas.sealed, atlas.surface))
+    ):
+        return _direct_texture(atlas)
     needed = {"surface": "topography", "reference": "sphere", "sphere": "sphere"}
     if chart not in needed or not (atlas.has("uv") and atlas.has(needed[chart])):
         return None
@@ -116,6 +124,16 @@ def atlas_texture(atlas: Atlas, chart: str) -> tuple[Floats, npt.NDArray[np.uint
         return atlas.topography.surface[:, 1:], image
     turned = atlas.sphere.vertices @ atlas.uv.rotation.T
     return direction_to_uv(turned, atlas.uv.shape[0]), image
+
+
+def _direct_texture(atlas: Atlas) -> tuple[Floats, npt.NDArray[np.uint8]] | None:
+    name = DIRECT_FIELD
+    if name not in atlas.surface.fields:
+        return None
+    chart = atlas.direct
+    values = atlas.carry(np.nan_to_num(atlas.surface.fields[name]), "surface", "direct")
+    image = np.rint(255 * curvature_colours(values)(values)).astype(np.uint8)
+    return direction_to_uv(chart.vertices @ chart.rotation.T, chart.shape[0]), image
 
 
 def texture_corners(vu: Floats, faces: Ints, rows: int) -> Floats:
