@@ -37,7 +37,7 @@ class StackParameters(StepParameters):
     )
     crop_um: SixLengths | None = setting(
         None,
-        "Crop in µm",
+        "Crop",
         "The same in world coordinates: voxels whose centre lies between start and stop are used.",
         unit="µm",
     )
