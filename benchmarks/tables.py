@@ -209,7 +209,7 @@ def routes_table(results: Results) -> str:
                 title,
                 _beside(entry.get("chamfer_um"), paper.get("chamfer_um")),
                 _beside(entry.get("sliced_wasserstein_um"), paper.get("sliced_wasserstein_um")),
-                number(entry.get("sliced_wasserstein_area_um")),
+                _above_noise(entry),
                 _beside(
                     entry.get("area_difference_percent"), paper.get("area_difference_percent"), True
                 ),
@@ -230,6 +230,14 @@ def _beside(ours: float | None, papers: float | None, signed: bool = False) -> s
     return found if papers is None else f"{found} [{number(papers, signed)}]"
 
 
+def _above_noise(entry: dict[str, Any]) -> str:
+    """The distance between points drawn by area, and what it is for one and the same surface."""
+    if "sliced_wasserstein_area_um" not in entry:
+        return ""
+    noise = number(entry["sliced_wasserstein_noise_um"])
+    return f"{number(entry['sliced_wasserstein_area_um'])} (noise {noise})"
+
+
 def _group(results: Results, bar: str) -> list[tuple[str, dict[str, Any]]]:
     start = f"core/{bar}/"
     return [(name[len(start) :], e) for name, e in results.items() if name.startswith(start)]
@@ -237,7 +245,9 @@ def _group(results: Results, bar: str) -> list[tuple[str, dict[str, Any]]]:
 
 def machine_table(results: Results) -> str:
     """What the numbers were measured on."""
-    return table(["", ""], [[name, str(value)] for name, value in results.get("machine", {}).items()])
+    return table(
+        ["", ""], [[name, str(value)] for name, value in results.get("machine", {}).items()]
+    )
 
 
 def quality_table(_: Results) -> str:
