@@ -1,4 +1,4 @@
-"""Run the benchmarks and write results.json.
+"""Run the benchmarks, and write results.json and the tables of docs/.
 
     .venv/bin/python benchmarks/run.py                       # all of them, from scratch
     .venv/bin/python benchmarks/run.py core_speed            # the named ones
@@ -15,6 +15,7 @@ import subprocess
 import sys
 
 from common import results
+from tables import write_pages
 
 
 def main() -> int:
@@ -38,6 +39,7 @@ def main() -> int:
             failed.append(path.name)
     print("== held bars")
     results.summarise(results.read())
+    print(f"== tables written into {', '.join(write_pages()) or 'no page'}")
     for name in failed:
         print(f"{name} ended with an error", file=sys.stderr)
     return len(failed)
