@@ -26,6 +26,15 @@ CERTIFIED = Bar(1.0, "certified", at_least=True)
 CORTEX = Bar(0.15, "rad (95th percentile)")
 DIRECT_TIME = Bar(25.0, "CPU s")
 PLANE = Bar(1.0, "certified", at_least=True)
+NAMES = (
+    "direct",
+    "direct-time",
+    "direct-area",
+    "direct-cortex",
+    "direct-labels",
+    "plane",
+    "plane-round-trip",
+)
 PLANE_ROUND_TRIP = Bar(0.999, "of vertices", at_least=True)
 
 
