@@ -202,9 +202,7 @@ def trace_nodes(
     return nodes, first.reshape(rows, columns)
 
 
-def _to_um(
-    nodes: npt.NDArray[np.float32], edge: float, origin: tuple[float, float, float]
-) -> None:
+def _to_um(nodes: npt.NDArray[np.float32], edge: float, origin: tuple[float, float, float]) -> None:
     """From index coordinates to µm, in place."""
 
     def place(layers: slice) -> None:
