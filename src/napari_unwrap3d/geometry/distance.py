@@ -34,22 +34,25 @@ def distance_to(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
     """
     squared = np.empty(mask.shape, np.float32)
     _in_blocks(lambda part: _along_last_axis(mask[part], squared[part]), len(mask))
-    for axis, others in ((1, (0, 2, 1)), (0, (1, 2, 0))):
-        lines = squared.transpose(others)
-        _in_blocks(
-            lambda part, lines=lines: _transform_lines(lines[part], *_buffers(lines.shape[2])),
-            squared.shape[1 - axis],
-        )
+    for lines in (squared.transpose(0, 2, 1), squared.transpose(1, 2, 0)):
+        _transform(lines)
     _in_blocks(lambda part: np.sqrt(squared[part], out=squared[part]), len(squared))
     return squared
 
 
+def _transform(lines: npt.NDArray[np.float32]) -> None:
+    """Lower envelopes along the last axis of a view, in place."""
+    length = lines.shape[2]
+
+    def transform(part: slice) -> None:
+        line, apex = np.empty(length, np.float32), np.empty(length, np.int64)
+        _transform_lines(lines[part], line, apex, np.empty(length + 1))
+
+    _in_blocks(transform, len(lines))
+
+
 def _in_blocks(function: Callable[[slice], Any], size: int) -> None:
     run_blocks(function, ranges(size, PLANES_PER_BLOCK))
-
-
-def _buffers(length: int) -> tuple[npt.NDArray[Any], ...]:
-    return np.empty(length, np.float32), np.empty(length, np.int64), np.empty(length + 1)
 
 
 def signed_distance(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
