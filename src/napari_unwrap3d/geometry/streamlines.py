@@ -6,10 +6,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from .parallel import ranges, run_blocks
+
 Field = npt.NDArray[np.float32]
 
 # Streamlines that take every step together: a layer of them is written in one go.
 BUNDLE = 256
+PLANES_PER_BLOCK = 16
 
 
 def blend_directions(
@@ -34,14 +37,21 @@ def blend_directions(
     """
     away_outside = np.stack([np.gradient(outer, axis=axis) for axis in range(3)], axis=-1)
     away_inside = -np.stack([np.gradient(inner, axis=axis) for axis in range(3)], axis=-1)
-    return np.asarray(_blend(distance, smooth, away_outside, away_inside, np.float32(near)))
+    field = np.empty((*distance.shape, 3), np.float32)
+
+    def blend(planes: slice) -> None:
+        away = away_outside, away_inside, np.float32(near)
+        _blend(distance, smooth, *away, planes.start, planes.stop, field)
+
+    run_blocks(blend, ranges(len(field), PLANES_PER_BLOCK))
+    return field
 
 
 @numba.njit(nogil=True, cache=True)
-def _blend(distance, smooth, away_outside, away_inside, near):  # type: ignore[no-untyped-def]
+def _blend(distance, smooth, away_outside, away_inside, near, begin, stop, field):  # type: ignore[no-untyped-def]
+    """Planes begin … stop − 1 of the field, in place."""
     nz, ny, nx = distance.shape
-    field = np.empty((nz, ny, nx, 3), np.float32)
-    for i in range(nz):
+    for i in range(begin, stop):
         for j in range(ny):
             for k in range(nx):
                 h0 = smooth[min(i + 1, nz - 1), j, k] - smooth[max(i - 1, 0), j, k]
@@ -63,7 +73,6 @@ def _blend(distance, smooth, away_outside, away_inside, near):  # type: ignore[n
                 f0, f1, f2 = p * h0 + q * a0, p * h1 + q * a1, p * h2 + q * a2
                 n = max(np.sqrt(f0 * f0 + f1 * f1 + f2 * f2), np.float32(1e-9))
                 field[i, j, k, 0], field[i, j, k, 1], field[i, j, k, 2] = f0 / n, f1 / n, f2 / n
-    return field
 
 
 @numba.njit(nogil=True, cache=True, inline="always")

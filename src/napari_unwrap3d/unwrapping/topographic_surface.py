@@ -195,12 +195,13 @@ def _weld(vertices: Floats, faces: Ints, rows: int, columns: int) -> tuple[Float
     between = np.mod(row, ROWS_PER_BLOCK) == 0.0
     special = np.flatnonzero(at_pole | between | (column <= 0.0) | (column >= columns))
     around = np.where(at_pole, 0.0, np.mod(column, columns))[special]
-    key = np.rint(np.stack([layer[special], row[special], around], axis=1) / QUANTUM)
-    _, first, group = np.unique(
-        key.astype(np.int64), axis=0, return_index=True, return_inverse=True
-    )
+    places = (layer[special], row[special], around)
+    key = np.stack([np.rint(place / QUANTUM).astype(np.int64) for place in places])
+    # Sorted by column, row and layer; equal ones stay in their order.
+    order = np.lexsort(key)
+    new = np.append(True, (np.diff(key[:, order], axis=1) != 0).any(axis=0))[: len(order)]
     target = np.arange(len(vertices))
-    target[special] = special[first[group.ravel()]]
+    target[special[order]] = special[order[np.flatnonzero(new)]][np.cumsum(new) - 1]
     welded = target[faces]
     keep = (
         (welded[:, 0] != welded[:, 1])
