@@ -14,7 +14,7 @@ from scipy.spatial import KDTree
 
 from ..progress import Progress, silent
 from .mesh import face_areas, is_consistently_wound, is_watertight, signed_volume
-from .parallel import workers
+from .parallel import run_blocks, workers
 from .wasserstein import (
     EVALUATIONS,
     PROJECTIONS,
@@ -155,8 +155,9 @@ def _why_no_volume(faces: Ints) -> str:
 
 def nearest_distances(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Distance from every point to the nearest of the other set, (n,) and (m,)."""
-    to_second: Floats = _tree(second).query(first, workers=workers())[0]
-    to_first: Floats = _tree(first).query(second, workers=workers())[0]
+    first_tree, second_tree = run_blocks(_tree, [first, second])
+    to_second: Floats = second_tree.query(first, workers=workers())[0]
+    to_first: Floats = first_tree.query(second, workers=workers())[0]
     return to_second, to_first
 
 
