@@ -20,14 +20,22 @@ ONE_THREAD = (
 )
 
 
-def run_child(script: str, *arguments: str, limit_s: float, core: int | None = None) -> Any:
+def run_child(
+    script: str, *arguments: str, limit_s: float, core: int | list[int] | None = None
+) -> Any:
     """Run ``script --child ARGUMENTS FILE`` and return what it wrote into FILE as JSON.
+
+    Parameters
+    ----------
+    core : int or list of int, optional
+        The cores that the child is held to; the package uses as many threads.
 
     Returns
     -------
     object or str
         A string says why there is nothing: the time limit, or the last words of a crash.
     """
+    cores = [core] if isinstance(core, int) else core
     environment = os.environ | dict.fromkeys(ONE_THREAD, "1")
     with tempfile.TemporaryDirectory() as folder:
         answer = Path(folder) / "answer.json"
@@ -40,7 +48,7 @@ def run_child(script: str, *arguments: str, limit_s: float, core: int | None = N
                 stderr=subprocess.PIPE,
                 text=True,
                 check=False,
-                preexec_fn=None if core is None else lambda: os.sched_setaffinity(0, {core}),
+                preexec_fn=None if cores is None else lambda: os.sched_setaffinity(0, cores),
             )
         except subprocess.TimeoutExpired:
             return f"stopped after the limit of {limit_s:.0f} s"

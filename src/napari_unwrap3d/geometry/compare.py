@@ -14,6 +14,7 @@ from scipy.spatial import KDTree
 
 from ..progress import Progress, silent
 from .mesh import face_areas, is_consistently_wound, is_watertight, signed_volume
+from .parallel import run_blocks, workers
 from .wasserstein import (
     EVALUATIONS,
     PROJECTIONS,
@@ -154,9 +155,15 @@ def _why_no_volume(faces: Ints) -> str:
 
 def nearest_distances(first: Floats, second: Floats) -> tuple[Floats, Floats]:
     """Distance from every point to the nearest of the other set, (n,) and (m,)."""
-    to_second: Floats = KDTree(second).query(first)[0]
-    to_first: Floats = KDTree(first).query(second)[0]
+    first_tree, second_tree = run_blocks(_tree, [first, second])
+    to_second: Floats = second_tree.query(first, workers=workers())[0]
+    to_first: Floats = first_tree.query(second, workers=workers())[0]
     return to_second, to_first
+
+
+def _tree(points: Floats) -> KDTree:
+    """Built in a third of the time of a balanced one, and as quick to ask."""
+    return KDTree(points, balanced_tree=False, compact_nodes=False)
 
 
 def chamfer_distance(first: Floats, second: Floats) -> float:

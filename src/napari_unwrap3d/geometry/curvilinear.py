@@ -13,11 +13,14 @@ import numpy as np
 import numpy.typing as npt
 
 from ..progress import Progress
+from .parallel import ranges, run_blocks
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
 LAYERS_PER_REPORT = 8
+ROWS_PER_BLOCK = 16
+POINTS_PER_BLOCK = 16384
 
 
 def rows_from_v(v: Floats, rows: int) -> Floats:
@@ -32,9 +35,18 @@ def v_from_rows(row: Floats, rows: int) -> Floats:
     return inner - 1.0 + 0.5 * (row - inner)
 
 
-@numba.njit(nogil=True, cache=True)
-def evaluate(nodes, points):  # type: ignore[no-untyped-def]
+def evaluate(nodes: npt.NDArray[np.float32], points: Floats) -> Floats:
     """Positions (n, 3) float64 at grid coordinates (n, 3)."""
+
+    def positions(part: slice) -> Floats:
+        return np.asarray(_evaluate(nodes, points[part]))
+
+    blocks = ranges(len(points), POINTS_PER_BLOCK)
+    return np.concatenate([np.empty((0, 3)), *run_blocks(positions, blocks)])
+
+
+@numba.njit(nogil=True, cache=True)
+def _evaluate(nodes, points):  # type: ignore[no-untyped-def]
     out = np.empty((points.shape[0], 3))
     values = np.empty((3, 4))
     for i in range(points.shape[0]):
@@ -70,8 +82,14 @@ def _position_and_jacobian(nodes, d, r, u, out):  # type: ignore[no-untyped-def]
         ) * fd
 
 
-@numba.njit(nogil=True, cache=True)
-def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-untyped-def]
+def invert(
+    nodes: npt.NDArray[np.float32],
+    targets: Floats,
+    start: Floats,
+    iterations: int,
+    tolerance: float,
+    progress: Progress | None = None,
+) -> tuple[Floats, Floats]:
     """Grid coordinates of positions, by damped Newton steps in the trilinear cells.
 
     Parameters
@@ -83,6 +101,7 @@ def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-unt
     iterations : int
     tolerance : float
         Distance at which a point counts as found.
+    progress : Progress, optional
 
     Returns
     -------
@@ -91,6 +110,18 @@ def invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-unt
     residual : ndarray, (n,)
         Distance from the target to the position there.
     """
+
+    def part(points: slice) -> tuple[Floats, Floats]:
+        found, residual = _invert(nodes, targets[points], start[points], iterations, tolerance)
+        return found, residual
+
+    blocks = ranges(len(targets), POINTS_PER_BLOCK)
+    parts = [(np.empty((0, 3)), np.empty(0)), *run_blocks(part, blocks, progress, "inverting")]
+    return np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])
+
+
+@numba.njit(nogil=True, cache=True)
+def _invert(nodes, targets, start, iterations, tolerance):  # type: ignore[no-untyped-def]
     layers, rows, columns, _ = nodes.shape
     n = targets.shape[0]
     found = np.empty((n, 3))
@@ -261,8 +292,15 @@ def repeat_ends(nodes, first, last):  # type: ignore[no-untyped-def]
                     nodes[a, b, c, k] = nodes[last[b, c], b, c, k]
 
 
-@numba.njit(nogil=True, cache=True)
-def trim_folded(nodes, first, last, start, low, high):  # type: ignore[no-untyped-def]
+def trim_folded(
+    nodes: npt.NDArray[np.float32],
+    first: Ints,
+    last: Ints,
+    start: int,
+    low: Ints,
+    high: Ints,
+    progress: Progress | None = None,
+) -> int:
     """Shorten columns to where none of their cells is folded, in place.
 
     Parameters
@@ -274,36 +312,70 @@ def trim_folded(nodes, first, last, start, low, high):  # type: ignore[no-untype
         The layer that all columns start from.
     low, high : ndarray, (N + 2, 2N) int64
         Layers between which a column is needed.
+    progress : Progress, optional
 
     Returns
     -------
     int
         Number of folded cells within what is needed: what lies beyond them is lost.
     """
-    _, rows, columns, _ = nodes.shape
+
+    def look(rows: slice) -> npt.NDArray[np.bool_]:
+        return np.asarray(_has_folded(nodes, first, last, rows.start, rows.stop))
+
+    # Looking takes the time, and can be done anywhere in any order; trimming cannot, since a
+    # shortened column has fewer cells to be trimmed for.
+    blocks = ranges(nodes.shape[1] - 1, ROWS_PER_BLOCK)
+    folded = np.concatenate(run_blocks(look, blocks, progress, "checking the Jacobian"))
+    return int(_trim(nodes, first, last, start, low, high, np.argwhere(folded)))
+
+
+@numba.njit(nogil=True, cache=True)
+def _has_folded(nodes, first, last, begin, stop):  # type: ignore[no-untyped-def]
+    """Which piles of cells (stop − begin, 2N) above rows begin … stop − 1 hold a folded one."""
+    columns = nodes.shape[2]
+    found = np.zeros((stop - begin, columns), np.bool_)
     p = np.empty((2, 2, 2, 3), np.float64)
-    lost = 0
-    for b in range(rows - 1):
+    for b in range(begin, stop):
         for c in range(columns):
             e = c + 1 if c + 1 < columns else 0
-            begin = max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e]))
-            end = min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e]))
-            bottom = min(min(low[b, c], low[b, e]), min(low[b + 1, c], low[b + 1, e]))
-            top = max(max(high[b, c], high[b, e]), max(high[b + 1, c], high[b + 1, e]))
-            for a in range(begin, end):
+            bottom = max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e]))
+            top = min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e]))
+            for a in range(bottom, top):
                 lowest, _ = _lowest_determinant(nodes, a, b, c, e, p)
-                if lowest > 0:
-                    continue
-                lost += bottom <= a < top
-                if a < start:
-                    for r in (b, b + 1):
-                        for k in (c, e):
-                            first[r, k] = max(first[r, k], a + 1)
-                else:
-                    for r in (b, b + 1):
-                        for k in (c, e):
-                            last[r, k] = min(last[r, k], a)
+                if not lowest > 0:
+                    found[b - begin, c] = True
                     break
+    return found
+
+
+@numba.njit(nogil=True, cache=True)
+def _trim(nodes, first, last, start, low, high, places):  # type: ignore[no-untyped-def]
+    """Trim the columns around the piles of cells at `places` (n, 2), in their order."""
+    columns = nodes.shape[2]
+    p = np.empty((2, 2, 2, 3), np.float64)
+    lost = 0
+    for place in range(len(places)):
+        b, c = places[place]
+        e = c + 1 if c + 1 < columns else 0
+        begin = max(max(first[b, c], first[b, e]), max(first[b + 1, c], first[b + 1, e]))
+        end = min(min(last[b, c], last[b, e]), min(last[b + 1, c], last[b + 1, e]))
+        bottom = min(min(low[b, c], low[b, e]), min(low[b + 1, c], low[b + 1, e]))
+        top = max(max(high[b, c], high[b, e]), max(high[b + 1, c], high[b + 1, e]))
+        for a in range(begin, end):
+            lowest, _ = _lowest_determinant(nodes, a, b, c, e, p)
+            if lowest > 0:
+                continue
+            lost += bottom <= a < top
+            if a < start:
+                for r in (b, b + 1):
+                    for k in (c, e):
+                        first[r, k] = max(first[r, k], a + 1)
+            else:
+                for r in (b, b + 1):
+                    for k in (c, e):
+                        last[r, k] = min(last[r, k], a)
+                break
     return lost
 
 

@@ -7,10 +7,16 @@ its result is the reference in the tests.
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 import numba
 import numpy as np
 import numpy.typing as npt
 
+from .parallel import ranges, run_blocks
+
+PLANES_PER_BLOCK = 16
 FAR = np.float32(1e12)
 
 
@@ -26,13 +32,27 @@ def distance_to(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
     ndarray, (z, y, x) float32
         0 where `mask` is True; 1e6 everywhere if no voxel is True.
     """
-    squared = np.where(mask, np.float32(0), FAR)
-    longest = max(squared.shape)
-    buffers = np.empty(longest, np.float32), np.empty(longest, np.int64), np.empty(longest + 1)
-    for axis in range(3):
-        _transform_lines(np.moveaxis(squared, axis, 2), *buffers)
-    result: npt.NDArray[np.float32] = np.sqrt(squared)
-    return result
+    squared = np.empty(mask.shape, np.float32)
+    _in_blocks(lambda part: _along_last_axis(mask[part], squared[part]), len(mask))
+    for lines in (squared.transpose(0, 2, 1), squared.transpose(1, 2, 0)):
+        _transform(lines)
+    _in_blocks(lambda part: np.sqrt(squared[part], out=squared[part]), len(squared))
+    return squared
+
+
+def _transform(lines: npt.NDArray[np.float32]) -> None:
+    """Lower envelopes along the last axis of a view, in place."""
+    length = lines.shape[2]
+
+    def transform(part: slice) -> None:
+        line, apex = np.empty(length, np.float32), np.empty(length, np.int64)
+        _transform_lines(lines[part], line, apex, np.empty(length + 1))
+
+    _in_blocks(transform, len(lines))
+
+
+def _in_blocks(function: Callable[[slice], Any], size: int) -> None:
+    run_blocks(function, ranges(size, PLANES_PER_BLOCK))
 
 
 def signed_distance(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
@@ -44,8 +64,28 @@ def signed_distance(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
     half = np.float32(0.5)
     outside = distance_to(mask)
     inside = distance_to(~mask)
-    result: npt.NDArray[np.float32] = np.where(mask, half - inside, outside - half)
-    return result
+    # One of the two is 0 at every voxel.
+    outside -= inside
+    outside += np.where(mask, half, -half)
+    return outside
+
+
+@numba.njit(nogil=True, cache=True)
+def _along_last_axis(mask, squared):  # type: ignore[no-untyped-def]
+    """Squared distance along the last axis alone, `FAR` in lines without a True voxel."""
+    rows, columns, n = mask.shape
+    for row in range(rows):
+        for column in range(columns):
+            steps = np.float32(1e6)
+            for q in range(n):
+                steps = np.float32(0) if mask[row, column, q] else steps + np.float32(1)
+                squared[row, column, q] = steps
+            for q in range(n - 2, -1, -1):
+                after = squared[row, column, q + 1] + np.float32(1)
+                squared[row, column, q] = min(squared[row, column, q], after)
+            for q in range(n):
+                steps = squared[row, column, q]
+                squared[row, column, q] = FAR if steps >= np.float32(1e6) else steps * steps
 
 
 @numba.njit(nogil=True, cache=True)

@@ -6,6 +6,8 @@ positive definite (paper, Step 1).
 
 from __future__ import annotations
 
+import weakref
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -112,17 +114,34 @@ class Factor:
     """
 
     def __init__(self, matrix: Any) -> None:
-        self._lu = splu(
-            sparse.csc_array(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True},
-        )
+        # SciPy gives a factor's memory back only in the thread that made it, which must
+        # therefore live as long; elsewhere it would be lost without a word.
+        owner = ThreadPoolExecutor(1, thread_name_prefix="factor")
+        try:
+            self._lu = [owner.submit(_factorised, matrix).result()]
+        except BaseException:
+            owner.shutdown(wait=False)
+            raise
+        weakref.finalize(self, _give_back, owner, self._lu).atexit = False
 
     def solve(self, right: Floats) -> Floats:
         """Solution of A x = right, for right (n,) or (n, k)."""
-        solution: Floats = self._lu.solve(right)
+        solution: Floats = self._lu[0].solve(right)
         return solution
+
+
+def _factorised(matrix: Any) -> Any:
+    return splu(
+        sparse.csc_array(matrix),
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )
+
+
+def _give_back(owner: ThreadPoolExecutor, factor: list[Any]) -> None:
+    owner.submit(factor.clear)
+    owner.shutdown(wait=False)
 
 
 def conjugate_gradient(

@@ -137,6 +137,15 @@ def edges_with_faces(faces: npt.ArrayLike) -> Edges:
     return Edges(vertices, of_face.reshape(-1, 3), valence, slots, first)
 
 
+def _sorted_edges(faces: npt.ArrayLike) -> Ints:
+    """A number for the edge of every half-edge (3 m,), sorted: quicker than all of `Edges`."""
+    ends = half_edges(faces)
+    low, high = np.minimum(ends[..., 0], ends[..., 1]), np.maximum(ends[..., 0], ends[..., 1])
+    keys: Ints = (low * (int(high.max()) + 1) + high).ravel()
+    keys.sort()
+    return keys
+
+
 def face_neighbors(faces: npt.ArrayLike) -> Ints:
     """The face (m, 3) across the edge opposite to each corner of a closed manifold.
 
@@ -189,7 +198,9 @@ def nonmanifold_edges(faces: npt.ArrayLike) -> Ints:
 
 def is_watertight(faces: npt.ArrayLike) -> bool:
     """True when every edge belongs to exactly two faces."""
-    return bool((edges_with_faces(faces).valence == 2).all())
+    keys = _sorted_edges(faces)
+    pairs = len(keys) % 2 == 0 and bool((keys[::2] == keys[1::2]).all())
+    return pairs and bool((keys[1:-1:2] != keys[2::2]).all())
 
 
 def is_consistently_wound(faces: npt.ArrayLike) -> bool:
@@ -279,7 +290,8 @@ def connected_components(faces: npt.ArrayLike, n_vertices: int | None = None) ->
 def euler_characteristic(faces: npt.ArrayLike) -> int:
     """χ = V − E + F, counting only vertices that have a face."""
     faces = np.asarray(faces, dtype=np.int64)
-    edges = len(edges_with_faces(faces).vertices)
+    keys = _sorted_edges(faces)
+    edges = 1 + int((keys[1:] != keys[:-1]).sum())
     used = int((np.bincount(faces.ravel()) > 0).sum())
     return used - edges + len(faces)
 

@@ -6,7 +6,13 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from .parallel import ranges, run_blocks
+
 Field = npt.NDArray[np.float32]
+
+# Streamlines that take every step together: a layer of them is written in one go.
+BUNDLE = 256
+PLANES_PER_BLOCK = 16
 
 
 def blend_directions(
@@ -31,14 +37,21 @@ def blend_directions(
     """
     away_outside = np.stack([np.gradient(outer, axis=axis) for axis in range(3)], axis=-1)
     away_inside = -np.stack([np.gradient(inner, axis=axis) for axis in range(3)], axis=-1)
-    return np.asarray(_blend(distance, smooth, away_outside, away_inside, np.float32(near)))
+    field = np.empty((*distance.shape, 3), np.float32)
+
+    def blend(planes: slice) -> None:
+        away = away_outside, away_inside, np.float32(near)
+        _blend(distance, smooth, *away, planes.start, planes.stop, field)
+
+    run_blocks(blend, ranges(len(field), PLANES_PER_BLOCK))
+    return field
 
 
 @numba.njit(nogil=True, cache=True)
-def _blend(distance, smooth, away_outside, away_inside, near):  # type: ignore[no-untyped-def]
+def _blend(distance, smooth, away_outside, away_inside, near, begin, stop, field):  # type: ignore[no-untyped-def]
+    """Planes begin … stop − 1 of the field, in place."""
     nz, ny, nx = distance.shape
-    field = np.empty((nz, ny, nx, 3), np.float32)
-    for i in range(nz):
+    for i in range(begin, stop):
         for j in range(ny):
             for k in range(nx):
                 h0 = smooth[min(i + 1, nz - 1), j, k] - smooth[max(i - 1, 0), j, k]
@@ -60,7 +73,6 @@ def _blend(distance, smooth, away_outside, away_inside, near):  # type: ignore[n
                 f0, f1, f2 = p * h0 + q * a0, p * h1 + q * a1, p * h2 + q * a2
                 n = max(np.sqrt(f0 * f0 + f1 * f1 + f2 * f2), np.float32(1e-9))
                 field[i, j, k, 0], field[i, j, k, 1], field[i, j, k, 2] = f0 / n, f1 / n, f2 / n
-    return field
 
 
 @numba.njit(nogil=True, cache=True, inline="always")
@@ -98,25 +110,31 @@ def _value(values, z, y, x):  # type: ignore[no-untyped-def]
 
 @numba.njit(nogil=True, cache=True, inline="always")
 def _direction(field, z, y, x):  # type: ignore[no-untyped-def]
+    """Unit direction at a place given in float32, all in single precision."""
     nz, ny, nx, _ = field.shape
     one = np.float32(1)
     z = min(max(z, np.float32(0)), np.float32(nz - 1.01))
     y = min(max(y, np.float32(0)), np.float32(ny - 1.01))
     x = min(max(x, np.float32(0)), np.float32(nx - 1.01))
     a, b, c = int(z), int(y), int(x)
-    fz, fy, fx = z - a, y - b, x - c
+    fz, fy, fx = z - np.float32(a), y - np.float32(b), x - np.float32(c)
     gz, gy, gx = one - fz, one - fy, one - fx
-    w0, w1, w2, w3 = gz * gy * gx, gz * gy * fx, gz * fy * gx, gz * fy * fx
-    w4, w5, w6, w7 = fz * gy * gx, fz * gy * fx, fz * fy * gx, fz * fy * fx
-    p0, p1, p2, p3 = field[a, b, c], field[a, b, c + 1], field[a, b + 1, c], field[a, b + 1, c + 1]
-    q0, q1 = field[a + 1, b, c], field[a + 1, b, c + 1]
-    q2, q3 = field[a + 1, b + 1, c], field[a + 1, b + 1, c + 1]
-    u = p0[0] * w0 + p1[0] * w1 + p2[0] * w2 + p3[0] * w3
-    u += q0[0] * w4 + q1[0] * w5 + q2[0] * w6 + q3[0] * w7
-    v = p0[1] * w0 + p1[1] * w1 + p2[1] * w2 + p3[1] * w3
-    v += q0[1] * w4 + q1[1] * w5 + q2[1] * w6 + q3[1] * w7
-    w = p0[2] * w0 + p1[2] * w1 + p2[2] * w2 + p3[2] * w3
-    w += q0[2] * w4 + q1[2] * w5 + q2[2] * w6 + q3[2] * w7
+    p, q, r, s = gz * gy, gz * fy, fz * gy, fz * fy
+    u, v, w = np.float32(0), np.float32(0), np.float32(0)
+    d, e, f = a + 1, b + 1, c + 1
+    for i, j, k, weight in (
+        (a, b, c, p * gx),
+        (a, b, f, p * fx),
+        (a, e, c, q * gx),
+        (a, e, f, q * fx),
+        (d, b, c, r * gx),
+        (d, b, f, r * fx),
+        (d, e, c, s * gx),
+        (d, e, f, s * fx),
+    ):
+        u += field[i, j, k, 0] * weight
+        v += field[i, j, k, 1] * weight
+        w += field[i, j, k, 2] * weight
     n = one / max(np.sqrt(u * u + v * v + w * w), np.float32(1e-6))
     return u * n, v * n, w * n
 
@@ -146,25 +164,30 @@ def trace_into(field, start, step, core, radius, nodes, first, way):  # type: ig
     layers = nodes.shape[0]
     n = start.shape[0]
     reached = np.zeros(n, np.int64)
-    h = np.float32(step)
-    half = np.float32(0.5 * step)
+    h, half = np.float32(step), np.float32(0.5 * step)
     limit = np.float32(radius * radius)
-    for i in range(n):
-        z, y, x = start[i, 0], start[i, 1], start[i, 2]
+    core_z, core_y, core_x = np.float32(core[0]), np.float32(core[1]), np.float32(core[2])
+    here = np.empty((BUNDLE, 3), np.float32)
+    going = np.empty(BUNDLE, np.bool_)
+    for begin in range(0, n, BUNDLE):
+        size = min(BUNDLE, n - begin)
+        here[:size] = start[begin : begin + size]
+        going[:size] = True
         layer = first
-        stopped = False
         while 0 <= layer < layers:
-            if not stopped:
-                u, v, w = _direction(field, z, y, x)
-                u, v, w = _direction(field, z + half * u, y + half * v, x + half * w)
-                nz, ny, nx = z + h * u, y + h * v, x + h * w
-                away = (nz - core[0]) ** 2 + (ny - core[1]) ** 2 + (nx - core[2]) ** 2
-                if away < limit:
-                    stopped = True
-                else:
-                    z, y, x = nz, ny, nx
-                    reached[i] += 1
-            nodes[layer, i, 0], nodes[layer, i, 1], nodes[layer, i, 2] = z, y, x
+            for i in range(size):
+                if going[i]:
+                    z, y, x = here[i, 0], here[i, 1], here[i, 2]
+                    u, v, w = _direction(field, z, y, x)
+                    u, v, w = _direction(field, z + half * u, y + half * v, x + half * w)
+                    z, y, x = z + h * u, y + h * v, x + h * w
+                    away = (z - core_z) ** 2 + (y - core_y) ** 2 + (x - core_x) ** 2
+                    going[i] = not away < limit
+                    if going[i]:
+                        here[i, 0], here[i, 1], here[i, 2] = z, y, x
+                        reached[begin + i] += 1
+                for k in range(3):
+                    nodes[layer, begin + i, k] = here[i, k]
             layer += way
     return reached
 

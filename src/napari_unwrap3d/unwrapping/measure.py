@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,7 @@ from ..geometry.mesh import (
     mesh_report,
     signed_volume,
 )
+from ..geometry.parallel import run_blocks
 from ..geometry.spherical_embedding import certificate
 from .plane import flat_sphere
 from .topography import topography_to_world
@@ -132,7 +134,6 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
     miss = np.linalg.norm(back - surface.vertices[mapped], axis=1) / voxel_um
     exact = int((miss <= ROUND_TRIP_VOXELS).sum())
     cells = int((chart.last_layer - chart.first_layer).clip(min=0).sum())
-    vertices, faces = chart.meshed_vertices, chart.meshed_faces
     return {
         "folded_cells": chart.folded_cells,
         "folded_fraction": chart.folded_cells / max(cells, 1),
@@ -141,13 +142,24 @@ def measure_topography(surface: Surface, chart: Topography, voxel_um: float) -> 
         "round_trip_max_voxels": float(miss.max(initial=0.0)),
         "outward_um": float(chart.d_um[-1]),
         "inward_um": float(-chart.d_um[0]),
-        "chamfer_voxels": chamfer_distance(vertices, surface.vertices) / voxel_um,
-        "area_difference": area_difference(vertices, faces, surface.vertices, surface.faces),
-        "volume_difference": volume_difference(vertices, faces, surface.vertices, surface.faces),
-        "meshed_euler_characteristic": euler_characteristic(faces),
-        "meshed_watertight": is_watertight(faces),
-        "meshed_volume_um3": signed_volume(vertices, faces),
+        **_measure_meshed(surface, chart, voxel_um),
     }
+
+
+def _measure_meshed(surface: Surface, chart: Topography, voxel_um: float) -> Numbers:
+    """S_topo against S, its topology and volume; none waits for the others."""
+    vertices, faces = chart.meshed_vertices, chart.meshed_faces
+    meshes = vertices, faces, surface.vertices, surface.faces
+    measures: dict[str, Callable[[], Any]] = {
+        "chamfer_voxels": lambda: chamfer_distance(vertices, surface.vertices) / voxel_um,
+        "area_difference": lambda: area_difference(*meshes),
+        "volume_difference": lambda: volume_difference(*meshes),
+        "meshed_euler_characteristic": lambda: euler_characteristic(faces),
+        "meshed_watertight": lambda: is_watertight(faces),
+        "meshed_volume_um3": lambda: signed_volume(vertices, faces),
+    }
+    numbers = run_blocks(lambda measure: measure(), list(measures.values()))
+    return dict(zip(measures, numbers, strict=True))
 
 
 def measure_plane(

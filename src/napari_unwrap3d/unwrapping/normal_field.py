@@ -18,6 +18,7 @@ from ..charts import Floats, Mask, Volume
 from ..errors import TooSmallError
 from ..geometry.distance import signed_distance
 from ..geometry.harmonic import harmonic_between
+from ..geometry.parallel import run_blocks
 from ..geometry.streamlines import blend_directions, trace_to_surface
 from ..progress import Progress
 
@@ -91,8 +92,15 @@ def normal_field(solid: Mask, points: Floats, progress: Progress) -> NormalField
     radius = max(CORE_FRACTION * depth, 2.5)
     box = np.ones(grid.shape, bool)
     box[2:-2, 2:-2, 2:-2] = False
-    outer = harmonic_between(grid.data, box, progress.part(0.25, 0.5))
-    inner = harmonic_between(~grid.data, _ball(grid.shape, core, radius), progress.part(0.5, 0.8))
+    core_ball = _ball(grid.shape, core, radius)
+    # At the same time, where there are two cores; only one of them may tell how far it is.
+    outer, inner = run_blocks(
+        lambda shell: harmonic_between(*shell),
+        [
+            (grid.data, box, progress.part(0.25, 0.8)),
+            (~grid.data, core_ball, Progress(cancelled=progress.cancelled)),
+        ],
+    )
     directions = progress.run(blend_directions, distance, smooth, outer, inner, NEAR_VOXELS)
     return NormalField(
         directions=directions,

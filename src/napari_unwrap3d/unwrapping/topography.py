@@ -20,9 +20,10 @@ from ..geometry.curvilinear import (
     v_from_rows,
     volume_elements,
 )
-from ..geometry.interpolate import sample_linear
+from ..geometry.interpolate import sample_placed
 from ..geometry.locate import SphericalLocator, interpolate
 from ..geometry.padding import wrap_uv
+from ..geometry.parallel import ranges, run_blocks
 from ..geometry.streamlines import trace_into
 from ..parameters import SurfaceParameters, TopographyParameters
 from ..progress import Progress
@@ -34,7 +35,8 @@ from .uv import uv_to_direction
 logger = logging.getLogger(__name__)
 
 PAPER_DEPTH_VOXELS = 20.0
-COLUMNS_PER_REPORT = 16384
+COLUMNS_PER_BLOCK = 8192
+LAYERS_PER_BLOCK = 2
 # A point counts as mapped when the map brings it back to within this many voxels.
 FOUND_VOXELS = 1e-3
 NEWTON_ITERATIONS = 40
@@ -77,27 +79,30 @@ def topography(
         )
     else:
         nodes, first_layer = trace_nodes(field, start, inward, outward, voxel_step, part)
-    progress(0.6, "mapping the surface")
     edge = mask.voxel_size[0]
     step_um = voxel_step * edge
-    nodes *= np.float32(edge)
-    nodes += np.asarray(field.distance.origin, dtype=np.float32)
+    _to_um(nodes, edge, field.distance.origin)
+    del field, start  # the directions are as large as a good part of the nodes
+    progress(0.6, "mapping the surface")
     d_um = np.asarray((np.arange(len(nodes)) - inward) * step_um, dtype=np.float64)
     locator = TopographyLocator(nodes, d_um, edge)
     image, _ = locator.locate(surface.vertices, progress.part(0.6, 0.7))
     progress(0.7, "checking the Jacobian")
     low, high = _layers_needed(image, d_um, first_layer.shape, inward)
     last_layer = np.full(first_layer.shape, len(nodes) - 1)
-    folded = progress.run(trim_folded, nodes, first_layer, last_layer, inward, low, high)
+    part = progress.part(0.7, 0.8)
+    folded = trim_folded(nodes, first_layer, last_layer, inward, low, high, part)
     for row in (0, -1):  # all columns of a pole are one and the same
         first_layer[row], last_layer[row] = first_layer[row].max(), last_layer[row].min()
     repeat_ends(nodes, first_layer, last_layer)
     grid = _to_grid(image, d_um, uv.shape[0])
     image[~_in_columns(grid, first_layer, last_layer)] = np.nan
-    progress(0.8, "mapping the mask")
-    level = _mapped_level(nodes, mask, surface_parameters)
-    progress(0.85, "meshing the topographic surface")
-    meshed = mesh_mapped_mask(level, parameters.smoothing_voxels)
+    smoothing = parameters.smoothing_voxels
+    # Where the paper's smoothing follows, the mapped mask is binary.
+    kind = np.bool_ if smoothing else np.float32
+    part = progress.part(0.8, 0.85)
+    level = _mapped_level(nodes, mask, surface_parameters.smoothing_voxels, kind, part)
+    meshed = mesh_mapped_mask(level, smoothing, progress.part(0.85, 0.95))
     meshed = faces_in_columns(*meshed, first_layer, last_layer)
     meshed_vertices = evaluate(nodes, meshed[0])
     vertices, faces, origin = cut_at_seam(image, surface.faces, uv.shape[0])
@@ -184,25 +189,27 @@ def trace_nodes(
     flat = nodes.reshape(len(nodes), count, 3)
     points = field.distance.to_index(start.reshape(-1, 3)).astype(np.float32)
     flat[inward] = points
-    first = np.zeros(count, np.int64)
-    for begin in range(0, count, COLUMNS_PER_REPORT):
-        progress(begin / count, "following the normals")
-        part = slice(begin, min(begin + COLUMNS_PER_REPORT, count))
-        trace_into(
-            field.directions, points[part], step, field.core, 0.0, flat[:, part], inward + 1, 1
-        )
-        reached = trace_into(
-            field.directions,
-            points[part],
-            -step,
-            field.core,
-            field.core_radius,
-            flat[:, part],
-            inward - 1,
-            -1,
-        )
-        first[part] = inward - reached
+    directions, core, radius = field.directions, field.core, field.core_radius
+
+    def trace(part: slice) -> Ints:
+        here, there = points[part], flat[:, part]
+        trace_into(directions, here, step, core, 0.0, there, inward + 1, 1)
+        reached = trace_into(directions, here, -step, core, radius, there, inward - 1, -1)
+        return np.asarray(inward - reached)
+
+    blocks = ranges(count, COLUMNS_PER_BLOCK)
+    first = np.concatenate(run_blocks(trace, blocks, progress, "following the normals"))
     return nodes, first.reshape(rows, columns)
+
+
+def _to_um(nodes: npt.NDArray[np.float32], edge: float, origin: tuple[float, float, float]) -> None:
+    """From index coordinates to µm, in place."""
+
+    def place(layers: slice) -> None:
+        nodes[layers] *= np.float32(edge)
+        nodes[layers] += np.asarray(origin, dtype=np.float32)
+
+    run_blocks(place, ranges(len(nodes), LAYERS_PER_BLOCK))
 
 
 def _layers_needed(
@@ -236,20 +243,35 @@ def _layers_needed(
 
 
 def _mapped_level(
-    nodes: npt.NDArray[np.float32], mask: Mask, parameters: SurfaceParameters
-) -> npt.NDArray[np.float32]:
-    """The smoothed mask minus ½ at every node (D, N + 2, 2N)."""
-    smooth = ndimage.gaussian_filter(mask.data.astype(np.float32), parameters.smoothing_voxels)
-    return sample_volume(Volume(smooth, mask.voxel_size, mask.origin), nodes) - np.float32(0.5)
+    nodes: npt.NDArray[np.float32], mask: Mask, smoothing: float, kind: Any, progress: Progress
+) -> npt.NDArray[Any]:
+    """The smoothed mask minus ½ at every node (D, N + 2, 2N), or only where it is positive.
+
+    Parameters
+    ----------
+    kind : dtype
+        float32, or bool, which takes a quarter of the memory.
+    """
+    data = ndimage.gaussian_filter(mask.data.astype(np.float32), smoothing)
+    smooth = Volume(data, mask.voxel_size, mask.origin)
+    level = np.empty(nodes.shape[:-1], kind)
+
+    def sample(layers: slice) -> None:
+        values = sample_volume(smooth, nodes[layers])
+        values -= np.float32(0.5)
+        level[layers] = values > 0 if kind is np.bool_ else values
+
+    run_blocks(sample, ranges(len(nodes), LAYERS_PER_BLOCK), progress, "mapping the mask")
+    return level
 
 
 def sample_volume(volume: Volume, nodes: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
     """Trilinear values of a volume at nodes (D, rows, columns, 3) in µm (paper, Step 5)."""
-    values = np.empty(nodes.shape[:-1], np.float32)
-    scale = (1.0 / np.asarray(volume.voxel_size)).astype(np.float32)
+    data = np.ascontiguousarray(volume.data, dtype=np.float32)
     origin = np.asarray(volume.origin, dtype=np.float32)
-    for layer, layer_nodes in enumerate(nodes):
-        values[layer] = sample_linear(volume.data, (layer_nodes - origin) * scale)
+    scale = (1.0 / np.asarray(volume.voxel_size)).astype(np.float32)
+    values = np.empty(nodes.shape[:-1], np.float32)
+    sample_placed(data, origin, scale, nodes.reshape(-1, 3), values.reshape(-1))
     return values
 
 
@@ -280,13 +302,13 @@ class TopographyLocator:
             todo = np.flatnonzero(~(best < self._tolerance))
             if len(todo) == 0:
                 break
-            found, residual = progress.run(
-                invert,
+            found, residual = invert(
                 self._nodes,
                 target[todo],
                 start[todo, attempt],
                 NEWTON_ITERATIONS,
                 0.01 * self._tolerance,
+                progress,
             )
             better = residual < best[todo]
             best[todo[better]], grid[todo[better]] = residual[better], found[better]
