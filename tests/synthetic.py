@@ -23,7 +23,7 @@ from napari_unwrap3d.charts import (
 from napari_unwrap3d.parameters import Parameters, PlaneParameters
 from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.direct import Registration, direct_chart
-from napari_unwrap3d.unwrapping.plane import certify, flattened
+from napari_unwrap3d.unwrapping.plane import certify, flattened, plane_chart
 
 RADIUS = 4.0
 CENTRE = 6.0
@@ -141,19 +141,7 @@ def make_topography(surface: Surface, vertices: Floats, rows: int) -> Topography
 def make_plane(surface: Surface, flat: Floats, rows: int) -> Plane:
     attempt = flattened(flat, surface.faces, rows, PlaneParameters(), silent())
     pixels = certify(attempt.flat, surface.vertices)
-    corners = surface.vertices[surface.faces[pixels.face]]
-    positions = np.einsum("ijkl,ijk->ijl", corners, pixels.weights)
-    return Plane(
-        vertices=attempt.flat.vertices,
-        turns=attempt.flat.turns,
-        pole_faces=attempt.flat.pole_faces,
-        pole_weights=attempt.flat.pole_weights,
-        face=pixels.face,
-        weights=pixels.weights,
-        positions=positions,
-        iterations=attempt.iterations,
-        fields={"area_um2": np.ones(pixels.face.shape)},
-    )
+    return plane_chart(surface, attempt, pixels, of_sealed=False)
 
 
 def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:

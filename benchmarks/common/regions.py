@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import numpy.typing as npt
 
@@ -12,11 +14,15 @@ REGIONS = 20
 
 def pixel_directions(rows: int) -> npt.NDArray[np.float64]:
     """Unit vectors (N, 2N, 3) (z, y, x) of the pixels' centres, the north pole at +z."""
-    inclination = (np.arange(rows) + 0.5)[:, None] * np.pi / rows
-    azimuth = (np.arange(2 * rows) + 0.5)[None, :] * np.pi / rows - np.pi
+    return directions_of(np.moveaxis(np.indices((rows, 2 * rows)), 0, -1), rows)
+
+
+def directions_of(pixels: npt.NDArray[Any], rows: int) -> npt.NDArray[np.float64]:
+    """Unit vectors (..., 3) (z, y, x) of (v, u) in pixels (..., 2)."""
+    inclination = (pixels[..., 0] + 0.5) * np.pi / rows
+    azimuth = (pixels[..., 1] + 0.5) * np.pi / rows - np.pi
     flat = np.sin(inclination)
-    z = np.broadcast_to(np.cos(inclination), (rows, 2 * rows))
-    return np.stack([z, flat * np.sin(azimuth), flat * np.cos(azimuth)], axis=-1)
+    return np.stack([np.cos(inclination), flat * np.sin(azimuth), flat * np.cos(azimuth)], axis=-1)
 
 
 def random_regions(rows: int, seed: int) -> list[Mask]:

@@ -11,7 +11,7 @@ from scipy import sparse
 
 import napari_unwrap3d as unwrap3d
 
-from . import measures
+from . import measures, regions
 from .results import Bar, Entries
 
 PATCHES = 200
@@ -117,16 +117,8 @@ def cortex_displacement(atlas: unwrap3d.Atlas) -> float:
     points = atlas.sealed.vertices[chart.cortex]
     image, valid = atlas.map(points, "volume", "uv")
     turned = chart.vertices[chart.cortex][valid] @ chart.rotation.T
-    cosine = np.einsum("ij,ij->i", turned, directions_of(image[valid], atlas.uv.shape[0]))
+    cosine = np.einsum("ij,ij->i", turned, regions.directions_of(image[valid], atlas.uv.shape[0]))
     return float(np.percentile(np.arccos(np.clip(cosine, -1.0, 1.0)), 95))
-
-
-def directions_of(pixels: npt.NDArray[Any], rows: int) -> npt.NDArray[np.float64]:
-    """Unit vectors of (v, u) in pixels, as :func:`regions.pixel_directions` has them."""
-    inclination = (pixels[:, 0] + 0.5) * np.pi / rows
-    azimuth = (pixels[:, 1] + 0.5) * np.pi / rows - np.pi
-    flat = np.sin(inclination)
-    return np.stack([np.cos(inclination), flat * np.sin(azimuth), flat * np.cos(azimuth)], axis=1)
 
 
 def label_round_trip(atlas: unwrap3d.Atlas) -> npt.NDArray[np.float64]:

@@ -85,10 +85,6 @@ class Atlas:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     on_request: Mapping[str, Any] = field(default_factory=dict)
 
-    def __post_init__(self) -> None:
-        # A copy of an atlas must not share what is computed later.
-        object.__setattr__(self, "on_request", dict(self.on_request))
-
     def __getattribute__(self, name: str) -> Any:
         value = object.__getattribute__(self, name)
         if value is None and name in type(self).__dataclass_fields__:
@@ -139,6 +135,7 @@ class Atlas:
             chart, numbers = REQUESTED_CHARTS[name](
                 charts, self.voxel_um, self.parameters, silent()
             )
+            # A new mapping: copies of this atlas must not share what is computed later.
             kept = self.on_request if chart is None else {**self.on_request, name: chart}
             object.__setattr__(self, "on_request", kept)
             object.__setattr__(self, "quality", {**self.quality, name: numbers})

@@ -5,8 +5,9 @@ import pytest
 import trimesh
 
 from napari_unwrap3d.errors import NotGenusZeroError
+from napari_unwrap3d.geometry.area_polish import determinant
 from napari_unwrap3d.geometry.distortion import flipped_faces
-from napari_unwrap3d.geometry.hierarchy import VertexHierarchy, determinant
+from napari_unwrap3d.geometry.hierarchy import VertexHierarchy
 from napari_unwrap3d.geometry.mesh import euler_characteristic, is_consistently_wound
 from shapes import icosphere, lumpy, outward
 

@@ -13,7 +13,7 @@ from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import Pipeline
 from napari_unwrap3d.progress import Progress
 from napari_unwrap3d.unwrapping.active_contour import automatic_step, grid_faces
-from napari_unwrap3d.unwrapping.topography import differential_volume
+from napari_unwrap3d.unwrapping.elements import elements
 from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
 from shapes import QUICK, VOXEL_UM
 
@@ -105,7 +105,7 @@ def test_the_automatic_step_is_used(small_pipeline: Pipeline) -> None:
 def test_dv_sums_to_the_volume_of_the_cell(small_atlas: Atlas) -> None:
     """Of the mapped mask; what lies below the deepest nodes is the core around the middle."""
     chart = small_atlas.topography
-    volume = differential_volume(chart)
+    volume = elements(chart)
     assert volume.shape == chart.shape
     assert volume.min() >= 0
     first = chart.first_layer[1:-1]

@@ -114,6 +114,14 @@ def tangents(p):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
+def determinant(a, b, c):  # type: ignore[no-untyped-def]
+    """A · ((b − a) × (c − a)): as a · (b × c), but exact to rounding for tiny faces too."""
+    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
+    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
+    return a[0] * (u1 * v2 - u2 * v1) + a[1] * (u2 * v0 - u0 * v2) + a[2] * (u0 * v1 - u1 * v0)
+
+
+@numba.njit(nogil=True, cache=True)
 def _sweep(x, faces, start, around, log_target, sweeps):  # type: ignore[no-untyped-def]
     n = x.shape[0]
     m = np.empty(9)
@@ -127,14 +135,7 @@ def _sweep(x, faces, start, around, log_target, sweeps):  # type: ignore[no-unty
             p[:] = x[i]
             for q in range(len(star)):
                 f = star[q]
-                a, b, c = x[faces[f, 0]], x[faces[f, 1]], x[faces[f, 2]]
-                u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-                v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-                det = (
-                    a[0] * (u1 * v2 - u2 * v1)
-                    + a[1] * (u2 * v0 - u0 * v2)
-                    + a[2] * (u0 * v1 - u1 * v0)
-                )
+                det = determinant(x[faces[f, 0]], x[faces[f, 1]], x[faces[f, 2]])
                 least[q] = KEPT_DETERMINANT * det
             energy = _around(x, faces, star, log_target, i, p, least, m)
             if energy < 0.0:

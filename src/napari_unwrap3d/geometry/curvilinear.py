@@ -440,46 +440,23 @@ def _count_folded(nodes, first, last):  # type: ignore[no-untyped-def]
     return folded, cells, smallest, total / max(8 * cells, 1)
 
 
-@numba.njit(nogil=True, cache=True)
-def volume_elements(nodes, first, last):  # type: ignore[no-untyped-def]
-    """Volume |(∂u × ∂v) · ∂d| that each node at a pixel stands for.
-
-    Derivatives are central differences, at the ends of a column one-sided; next to a pole
-    the step in v is three halves of a row.
+def in_columns(grid: Floats, first: Ints, last: Ints) -> npt.NDArray[np.bool_]:
+    """Whether all columns between which points (n, 3) lie reach their layer; NaN is nowhere.
 
     Parameters
     ----------
-    nodes : ndarray, (D, N + 2, 2N, 3) float32
+    grid : ndarray, (n, 3)
+        Grid coordinates (layer, row, column).
     first, last : ndarray, (N + 2, 2N) int64
         First and last layer that each column reaches.
-
-    Returns
-    -------
-    ndarray, (D, N, 2N) float32
-        0 where a column does not reach.
     """
-    layers, rows, columns, _ = nodes.shape
-    out = np.zeros((layers, rows - 2, columns), np.float32)
-    d, u, v = np.empty(3), np.empty(3), np.empty(3)
-    for b in range(1, rows - 1):
-        span = 2.0
-        if b == 1:
-            span -= 0.5
-        if b == rows - 2:
-            span -= 0.5
-        for c in range(columns):
-            left, right = c - 1 if c > 0 else columns - 1, c + 1 if c + 1 < columns else 0
-            for a in range(first[b, c], last[b, c] + 1):
-                low, high = max(a - 1, first[b, c]), min(a + 1, last[b, c])
-                if low == high:
-                    continue
-                for k in range(3):
-                    d[k] = (nodes[high, b, c, k] - nodes[low, b, c, k]) / (high - low)
-                    u[k] = (nodes[a, b, right, k] - nodes[a, b, left, k]) / 2.0
-                    v[k] = (nodes[a, b + 1, c, k] - nodes[a, b - 1, c, k]) / span
-                out[a, b - 1, c] = abs(
-                    d[0] * (u[1] * v[2] - u[2] * v[1])
-                    + d[1] * (u[2] * v[0] - u[0] * v[2])
-                    + d[2] * (u[0] * v[1] - u[1] * v[0])
-                )
-    return out
+    valid = np.asarray(np.isfinite(grid).all(axis=1))
+    layer, row, column = np.where(valid[:, None], grid, 0.0).T
+    slack = 1e-9 * (int(last.max()) + 1)
+    height, width = first.shape
+    for r in (np.floor(row), np.ceil(row)):
+        for c in (np.floor(column), np.ceil(column)):
+            place = r.astype(np.int64).clip(0, height - 1), c.astype(np.int64) % width
+            valid &= layer >= first[place] - slack
+            valid &= layer <= last[place] + slack
+    return valid

@@ -17,9 +17,10 @@ from scipy import ndimage
 
 from .distance import distance_to
 from .simple_points import Solid, change_simple_points
-from .topology import MARGIN, fill_cavities, handles, seal
+from .topology import MARGIN, fill_cavities, handles, largest_part, seal
 
 Closing = Literal["smaller", "seal", "cut"]
+Depth = npt.NDArray[np.float32]
 
 # Membranes and cuts below this are the noise of voxels: closing them is always right.
 SMALLEST_CUT = 12
@@ -69,20 +70,19 @@ def ball_without_handles(
     if len(membranes) == 0:
         return sealed
     check()
-    cuts, radius = largest_cuts(full)
+    cuts, depth = largest_cuts(full)
     if closing == "cut":
-        return _with_cuts(full, cuts)
-    cuts = [cut for cut in cuts if cut.sum() < np.pi * (WIDEST_CUT * radius) ** 2]
+        return _with_cuts(full, depth, cuts)
+    cuts = [cut for cut in cuts if cut.sum() < np.pi * (WIDEST_CUT * depth.max()) ** 2]
     if not cuts:
         return sealed
-    every = _with_cuts(full, cuts)
-    return _smallest_change(full, cuts, sealed, every, membranes, check)
+    return _smallest_change(full, depth, cuts, sealed, membranes, check)
 
 
-def largest_cuts(full: Solid) -> tuple[list[Solid], float]:
+def largest_cuts(full: Solid) -> tuple[list[Solid], Depth]:
     """Where a ball that grows inside a filled solid cannot close, largest cut first.
 
-    The second value is the radius of the largest ball inside, in voxels.
+    The second value is the depth in the solid in voxels, `MARGIN` wider on every side.
     """
     padded = np.pad(full, MARGIN)
     depth = distance_to(~padded)
@@ -94,20 +94,21 @@ def largest_cuts(full: Solid) -> tuple[list[Solid], float]:
     sizes = np.bincount(labels.ravel(), minlength=count + 1)[1:]
     largest_first = np.argsort(-sizes, kind="stable")
     cuts = [labels == part + 1 for part in largest_first if sizes[part] >= SMALLEST_CUT]
-    return cuts, float(depth.max())
+    return cuts, depth
 
 
 def _smallest_change(
     full: Solid,
+    depth: Depth,
     cuts: list[Solid],
     sealed: Solid,
-    every: Solid,
     membranes: npt.NDArray[np.int64],
     check: Callable[[], None],
 ) -> Solid:
     """From all sealed or all cut, whichever is closer, decide the largest one by one."""
     chosen = [False] * len(cuts)
     best, change = sealed, _changed(full, sealed)
+    every = _with_cuts(full, depth, cuts)
     if _changed(full, every) < change:
         chosen, best, change = [True] * len(cuts), every, _changed(full, every)
     if len(cuts) == 1:
@@ -119,27 +120,24 @@ def _smallest_change(
             continue
         check()
         other = [use != (k == number) for k, use in enumerate(chosen)]
-        attempt = _with_cuts(full, [cut for cut, use in zip(cuts, other, strict=True) if use])
+        used = [cut for cut, use in zip(cuts, other, strict=True) if use]
+        attempt = _with_cuts(full, depth, used)
         if _changed(full, attempt) < change:
             chosen, best, change = other, attempt, _changed(full, attempt)
     return best
 
 
-def _with_cuts(full: Solid, cuts: list[Solid]) -> Solid:
+def _with_cuts(full: Solid, depth: Depth, cuts: list[Solid]) -> Solid:
     """The solid cut at the given places and sealed everywhere else."""
     if not cuts:
         return seal(full)
     # In a gap as thin as a cut, the hull that seal() shrinks would get stuck.
     cut = np.logical_or.reduce(cuts)
     gap = full & (distance_to(cut) <= GAP_VOXELS)
-    labels, count = ndimage.label(full & ~gap, structure=_CORNERS)
-    if count > 1:
-        # What a gap cuts off grows back with the gap.
-        largest = labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1
-        gap = full & ~largest
+    # What the gap cuts off grows back with it.
+    gap = full & ~largest_part(full & ~gap)
     ball = np.pad(seal(full & ~gap), MARGIN)
     room = np.pad(gap & ~cut, MARGIN) & ~ball
-    depth = distance_to(~np.pad(full, MARGIN))
     grown = change_simple_points(ball, room, depth, new_value=True)
     inner: npt.NDArray[np.bool_] = grown[(slice(MARGIN, -MARGIN),) * 3]
     return inner

@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import NotGenusZeroError
-from .area_polish import tangents
+from .area_polish import determinant, tangents
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -216,14 +216,6 @@ def _collapse(faces, star, degree, points, order, mass, record):  # type: ignore
         elif done > left // 5:
             longest = max(USUAL_NEIGHBORS, longest - 1)
     return alive, count
-
-
-@numba.njit(nogil=True, cache=True)
-def determinant(a, b, c):  # type: ignore[no-untyped-def]
-    """A · ((b − a) × (c − a)): as a · (b × c), but exact to rounding for tiny faces too."""
-    u0, u1, u2 = b[0] - a[0], b[1] - a[1], b[2] - a[2]
-    v0, v1, v2 = c[0] - a[0], c[1] - a[1], c[2] - a[2]
-    return a[0] * (u1 * v2 - u2 * v1) + a[1] * (u2 * v0 - u0 * v2) + a[2] * (u0 * v1 - u1 * v0)
 
 
 @numba.njit(nogil=True, cache=True)

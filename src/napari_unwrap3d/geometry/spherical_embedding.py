@@ -146,13 +146,10 @@ def embed_on_sphere(
     progress(0.0, "taking the mesh apart")
     hierarchy = progress.run(VertexHierarchy, vertices, faces, mass / mass.sum())
     builder = _Builder(hierarchy, vertices, np.asarray(faces), goal, trust, chosen)
-    work_done, work = 0.0, _total_work(len(vertices), chosen)
-    size = 4
-    while hierarchy.missing:
-        size = min(len(vertices), max(size + 4, int(GROWTH * size)))
-        part = progress.part(0.02 + 0.98 * work_done / work, 1.0)
-        builder.grow(size, part)
-        work_done += size * _sweeps(size, len(vertices), chosen)
+    sizes = _sizes(len(vertices))
+    work = [size * _sweeps(size, len(vertices), chosen) for size in sizes]
+    for number, size in enumerate(sizes):
+        builder.grow(size, progress.part(0.02 + 0.98 * sum(work[:number]) / sum(work), 1.0))
     proof = certificate(hierarchy.positions, faces)
     if not proof.holds:
         raise FlippedFacesError(
@@ -174,12 +171,12 @@ def _sweeps(size: int, full: int, weights: EmbeddingWeights) -> int:
     return weights.sweeps
 
 
-def _total_work(full: int, weights: EmbeddingWeights) -> float:
-    total, size = 0.0, 4
-    while size < full:
-        size = min(full, max(size + 4, int(GROWTH * size)))
-        total += size * _sweeps(size, full, weights)
-    return max(total, 1.0)
+def _sizes(full: int) -> list[int]:
+    """Numbers of vertices at which the mesh stops growing to be worked on."""
+    sizes = [4]
+    while sizes[-1] < full:
+        sizes.append(min(full, max(sizes[-1] + 4, int(GROWTH * sizes[-1]))))
+    return sizes[1:]
 
 
 @dataclass

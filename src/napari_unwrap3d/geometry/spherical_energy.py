@@ -13,8 +13,8 @@ from __future__ import annotations
 import numba
 import numpy as np
 
-from .area_polish import tangents
-from .hierarchy import determinant, smallest_determinant
+from .area_polish import determinant, tangents
+from .hierarchy import smallest_determinant
 from .mesh import Floats, Ints, face_areas
 
 # A face thinner than this (1 = equilateral) is given the shape of an equilateral one: its own

@@ -30,6 +30,15 @@ def fill_cavities(solid: Solid) -> Solid:
     return filled
 
 
+def largest_part(solid: Solid) -> Solid:
+    """The largest 26-connected component of a solid."""
+    labels, count = ndimage.label(solid, structure=np.ones((3, 3, 3)))
+    if count <= 1:
+        return solid
+    largest: Solid = labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1
+    return largest
+
+
 def euler_characteristic(solid: Solid) -> int:
     """Euler characteristic of a solid of closed cubes (26-connected).
 

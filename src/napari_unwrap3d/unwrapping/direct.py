@@ -18,7 +18,7 @@ from scipy import ndimage, sparse
 from ..charts import UV, Direct, Floats, Ints, SealedSurface, Surface, Topography
 from ..geometry.distortion import spherical_determinants
 from ..geometry.locate import SphericalLocator, largest_column
-from ..geometry.padding import pad_sphere
+from ..geometry.padding import pad_sphere, sample_uv_nearest
 from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..geometry.spherical_raster import coverage
 from ..parameters import DirectParameters
@@ -132,26 +132,18 @@ def registration(
     mapped = np.asarray(np.isfinite(image).all(axis=1))
     turned = np.zeros((len(image), 3))
     turned[mapped] = uv_to_direction(image[mapped, 1:], uv.shape[0])
-    single = mapped & ~_over_others(turned, image, sealed.faces[mapped[sealed.faces].all(axis=1)])
+    single = mapped & ~_over_others(turned, sealed.faces[mapped[sealed.faces].all(axis=1)])
     flipped = ~(spherical_determinants(turned, sealed.faces) > 0)
     single[np.unique(sealed.faces[flipped])] = False
     return Registration(turned @ uv.rotation, single)
 
 
-def _over_others(turned: Floats, image: Floats, faces: Ints) -> npt.NDArray[np.bool_]:
+def _over_others(turned: Floats, faces: Ints) -> npt.NDArray[np.bool_]:
     """Whether vertices lie over pixels that more than one sheet covers."""
-    count = coverage(turned, faces, COVERAGE_ROWS)
-    padded = pad_sphere((count > 1), COVERAGE_MARGIN)
-    spread = ndimage.binary_dilation(padded, np.ones((3, 3)), iterations=COVERAGE_MARGIN)
-    several = spread[COVERAGE_MARGIN:-COVERAGE_MARGIN, COVERAGE_MARGIN:-COVERAGE_MARGIN]
-    inclination = np.arccos(np.clip(turned[:, 0], -1.0, 1.0))
-    azimuth = np.arctan2(turned[:, 1], turned[:, 2])
-    row = np.floor(inclination * COVERAGE_ROWS / np.pi).astype(np.int64)
-    column = np.floor((azimuth + np.pi) * COVERAGE_ROWS / np.pi).astype(np.int64)
-    found: npt.NDArray[np.bool_] = several[
-        row.clip(0, COVERAGE_ROWS - 1), column % (2 * COVERAGE_ROWS)
-    ]
-    return found
+    several = pad_sphere(coverage(turned, faces, COVERAGE_ROWS) > 1, COVERAGE_MARGIN)
+    spread = ndimage.binary_dilation(several, np.ones((3, 3)), iterations=COVERAGE_MARGIN)
+    inner = (slice(COVERAGE_MARGIN, -COVERAGE_MARGIN),) * 2
+    return sample_uv_nearest(spread[inner], direction_to_uv(turned, COVERAGE_ROWS))
 
 
 def _give_pixels(owner: Ints, places: Floats, rows: int) -> None:
@@ -165,9 +157,8 @@ def _give_pixels(owner: Ints, places: Floats, rows: int) -> None:
     """
     count = np.bincount(owner, minlength=len(places))
     without = np.flatnonzero(count == 0)
-    row = np.rint(places[without, 0]).astype(np.int64).clip(0, rows - 1)
-    column = np.rint(places[without, 1]).astype(np.int64) % (2 * rows)
-    for vertex, pixel in zip(without, row * 2 * rows + column, strict=True):
+    numbers = np.arange(owner.size).reshape(rows, 2 * rows)
+    for vertex, pixel in zip(without, sample_uv_nearest(numbers, places[without]), strict=True):
         if count[owner[pixel]] > 1:
             count[owner[pixel]] -= 1
             owner[pixel] = vertex

@@ -10,7 +10,16 @@ import numpy as np
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from ..charts import UV, Floats, Ints, Plane, SealedSurface, Surface, Topography
+from ..charts import (
+    UV,
+    Floats,
+    Ints,
+    Plane,
+    SealedSurface,
+    Surface,
+    Topography,
+    TriangleMesh,
+)
 from ..errors import MapError, NotCertifiedError
 from ..geometry.flat import FlatSphere, Pixels
 from ..geometry.locate import interpolate
@@ -79,8 +88,13 @@ def plane(
     progress(0.8, "counting what covers every pixel")
     pixels = progress.run(certify, attempt.flat, sealed.vertices)
     progress(0.9, "measuring the plane")
+    return plane_chart(sealed, attempt, pixels, of_sealed=not same_mesh(sealed, surface))
+
+
+def plane_chart(mesh: TriangleMesh, attempt: Attempt, pixels: Pixels, *, of_sealed: bool) -> Plane:
+    """The chart of a flattening of a mesh that was certified."""
     face, weights = pixels.face.ravel(), pixels.weights.reshape(-1, 3)
-    positions = interpolate(sealed.vertices, sealed.faces, face, weights)
+    positions = interpolate(mesh.vertices, mesh.faces, face, weights)
     positions = positions.reshape(*pixels.face.shape, 3)
     return Plane(
         vertices=attempt.flat.vertices,
@@ -90,7 +104,7 @@ def plane(
         face=pixels.face,
         weights=pixels.weights,
         positions=positions,
-        of_sealed=not same_mesh(sealed, surface),
+        of_sealed=of_sealed,
         laplacian=attempt.weights,
         iterations=attempt.iterations,
         fields=dict(pixel_distortion(positions)),

@@ -20,7 +20,7 @@ from ..geometry.mesh import euler_characteristic, is_watertight, signed_volume
 from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
 from ..geometry.smoothing import smooth_keeping_volume
 from ..geometry.topology import euler_characteristic as solid_euler_characteristic
-from ..geometry.topology import seal
+from ..geometry.topology import largest_part, seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
@@ -111,7 +111,7 @@ def smoothed_solid(
     placed = fit_to(flow.vertices, start, vertex_mass(start, faces), scale=scale)
     progress(0.62, "voxelising the reference")
     inside = voxelize(grid.to_index(placed), faces, grid.shape)
-    return seal(without_spikes(_largest(inside))), flow
+    return seal(without_spikes(largest_part(inside))), flow
 
 
 def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
@@ -129,7 +129,7 @@ def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
     if plugs is not None:
         solid = solid | plugs
     if gaps is not None:
-        opened = _largest(solid & ~gaps)
+        opened = largest_part(solid & ~gaps)
         # Nothing but the gap may be lost: a gap must not cut off an arm.
         if (solid & ~opened & ~gaps).sum() <= gaps.sum():
             solid = opened
@@ -176,7 +176,7 @@ def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     core = distance_to(~solid) > SPIKE_RADIUS_VOXELS
     if not core.any():
         return solid
-    opened = _largest(solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
+    opened = largest_part(solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
     if opened.sum() <= 0.9 * solid.sum():
         return solid
     if solid_euler_characteristic(opened) == 1:
@@ -216,11 +216,3 @@ def _with_border(mask: Mask) -> Mask:
     """The grid with room around it: where the cell fills it, the flow may lead outside."""
     z, y, x = (o - BORDER_VOXELS * s for o, s in zip(mask.origin, mask.voxel_size, strict=True))
     return Mask(np.pad(mask.data, BORDER_VOXELS), mask.voxel_size, (z, y, x))
-
-
-def _largest(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
-    labels, count = ndimage.label(solid, structure=np.ones((3, 3, 3)))
-    if count <= 1:
-        return solid
-    largest: npt.NDArray[np.bool_] = labels == np.argmax(np.bincount(labels.ravel())[1:]) + 1
-    return largest

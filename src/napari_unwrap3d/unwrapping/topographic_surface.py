@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ..charts import Floats, Ints
 from ..errors import EmptyMaskError
+from ..geometry.curvilinear import in_columns
 from ..geometry.marching import clamped_marching_cubes
 from ..geometry.parallel import ranges, run_blocks
 from ..progress import Progress, silent
@@ -142,14 +143,8 @@ def faces_in_columns(
     column = corners[:, :, 2] + over_seam[:, None] * (
         (corners[:, :, 2] < first_layer.shape[1] / 2) * first_layer.shape[1]
     )
-    layer = corners[:, :, 0].mean(axis=1)
-    row = np.clip(np.floor(corners[:, :, 1].mean(axis=1)), 0, len(first_layer) - 2)
-    row, column = row.astype(np.int64), np.floor(column.mean(axis=1)).astype(np.int64)
-    inside = np.ones(len(faces), bool)
-    for r in (row, row + 1):
-        for c in (column, column + 1):
-            around = c % first_layer.shape[1]
-            inside &= (layer >= first_layer[r, around]) & (layer <= last_layer[r, around])
+    centre = np.column_stack([corners[:, :, :2].mean(axis=1), column.mean(axis=1)])
+    inside = in_columns(centre, first_layer, last_layer)
     if inside.all():
         return vertices, faces
     used, renumbered = np.unique(faces[inside], return_inverse=True)

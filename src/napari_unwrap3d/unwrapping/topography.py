@@ -10,15 +10,25 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from ..charts import UV, Floats, Ints, Mask, Reference, Sphere, Surface, Topography, Volume
+from ..charts import (
+    UV,
+    Floats,
+    Ints,
+    Mask,
+    Reference,
+    Sphere,
+    Surface,
+    Topography,
+    Volume,
+)
 from ..geometry.curvilinear import (
     evaluate,
+    in_columns,
     invert,
     repeat_ends,
     rows_from_v,
     trim_folded,
     v_from_rows,
-    volume_elements,
 )
 from ..geometry.interpolate import sample_placed
 from ..geometry.locate import SphericalLocator, interpolate
@@ -96,7 +106,7 @@ def topography(
         first_layer[row], last_layer[row] = first_layer[row].max(), last_layer[row].min()
     repeat_ends(nodes, first_layer, last_layer)
     grid = _to_grid(image, d_um, uv.shape[0])
-    image[~_in_columns(grid, first_layer, last_layer)] = np.nan
+    image[~in_columns(grid, first_layer, last_layer)] = np.nan
     smoothing = parameters.smoothing_voxels
     # Where the paper's smoothing follows, the mapped mask is binary.
     kind = np.bool_ if smoothing else np.float32
@@ -339,23 +349,14 @@ def locate_in_columns(
     locator = TopographyLocator(chart.nodes, chart.d_um, voxel_um)
     image, _ = locator.locate(points, progress)
     grid = _to_grid(image, chart.d_um, chart.shape[1])
-    image[~_in_columns(grid, chart.first_layer, chart.last_layer)] = np.nan
+    image[~in_columns(grid, chart.first_layer, chart.last_layer)] = np.nan
     return image
-
-
-def differential_volume(chart: Topography) -> npt.NDArray[np.float32]:
-    """Volume dV (D, N, 2N) in µm³ of every (d, u, v) voxel; 0 where there is no space.
-
-    Paper, "Quantification of geometric deformation error for UV images".
-    """
-    volume = volume_elements(chart.nodes, chart.first_layer, chart.last_layer)
-    return np.asarray(volume, np.float32)
 
 
 def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:
     """Positions (n, 3) in µm of points (d µm, v, u), and whether they are in the space."""
     grid = _to_grid(points, chart.d_um, chart.shape[1])
-    valid = _in_columns(grid, chart.first_layer, chart.last_layer)
+    valid = in_columns(grid, chart.first_layer, chart.last_layer)
     world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
     world[~valid] = np.nan
     return world, valid
@@ -366,17 +367,3 @@ def _to_grid(points: Floats, d_um: Floats, rows: int) -> Floats:
     vu = wrap_uv(points[:, 1:], rows)
     layer = (points[:, 0] - d_um[0]) / (d_um[1] - d_um[0])
     return np.column_stack([layer, rows_from_v(vu[:, 0], rows), np.mod(vu[:, 1], 2.0 * rows)])
-
-
-def _in_columns(grid: Floats, first_layer: Ints, last_layer: Ints) -> npt.NDArray[np.bool_]:
-    """Whether all columns between which a point lies reach its layer; NaN is nowhere."""
-    valid = np.asarray(np.isfinite(grid).all(axis=1))
-    layer, row, column = np.where(valid[:, None], grid, 0.0).T
-    slack = 1e-9 * (int(last_layer.max()) + 1)
-    height, width = first_layer.shape
-    for r in (np.floor(row), np.ceil(row)):
-        for c in (np.floor(column), np.ceil(column)):
-            place = r.astype(np.int64).clip(0, height - 1), c.astype(np.int64) % width
-            valid &= layer >= first_layer[place] - slack
-            valid &= layer <= last_layer[place] + slack
-    return valid
