@@ -8,12 +8,13 @@ import pytest
 from napari_unwrap3d.annotations import Annotations, fit_plane, label_rows
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import InputError
+from shapes import cell_centre
 from synthetic import CENTRE, RADIUS, make_atlas
 
 
 @pytest.fixture(scope="module")
 def atlas() -> Atlas:
-    return make_atlas(subdivisions=4, rows=64)
+    return make_atlas()
 
 
 def annotated(atlas: Atlas, labels: np.ndarray) -> Annotations:
@@ -41,18 +42,17 @@ def test_areas_and_means_are_the_surfaces(atlas: Atlas) -> None:
     assert "mean_height_um" in label_rows(annotations)[0]
 
 
-def test_the_same_mean_is_measured_in_uv(atlas: Atlas) -> None:
+def test_the_same_mean_is_measured_in_uv(small_atlas: Atlas) -> None:
     """On the smooth part of the cell, where it lies along its reference."""
-    vertices = atlas.surface.vertices
-    direction = (vertices - CENTRE) / np.linalg.norm(vertices - CENTRE, axis=1)[:, None]
-    smooth = direction @ np.array([-0.3, -0.93, -0.2]) > 0.85
-    annotations = annotated(atlas, smooth)
-    field = vertices[:, 1]
+    away = small_atlas.surface.vertices - cell_centre()
+    toward = away @ np.array([0.6, -0.7, -0.4]) / np.linalg.norm(away, axis=1)
+    annotations = annotated(small_atlas, toward > 0.85)
+    field = away[:, 1]
     (row,) = label_rows(annotations, {"y_um": field})
-    in_uv = atlas.region_mean(atlas.outermost.image(field), annotations.image("one", "uv") == 1)
+    region = annotations.image("one", "uv") == 1
+    in_uv = small_atlas.region_mean(small_atlas.outermost.image(field), region)
     assert row["mean_y_um"] == pytest.approx(in_uv, abs=0.02)
-    in_uv_area = atlas.elements("uv")[annotations.image("one", "uv") == 1].sum()
-    assert row["area_um2"] == pytest.approx(in_uv_area, rel=0.05)
+    assert row["area_um2"] == pytest.approx(small_atlas.elements("uv")[region].sum(), rel=0.05)
 
 
 @pytest.mark.parametrize("axis", [(-1.0, 0.0, 0.0), (0.3, -0.8, 0.5)])
