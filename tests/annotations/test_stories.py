@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from napari_unwrap3d.annotations import Annotations, Change, Shape
+from napari_unwrap3d.annotations import Annotations, Change, Shape, history
 from napari_unwrap3d.annotations.history import STEPS_KEPT
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import AxesError
@@ -195,6 +195,21 @@ def test_only_so_many_steps_are_kept(atlas: Atlas) -> None:
     while annotations.can_undo:
         annotations.undo()
     assert annotations.names == ("one",)
+
+
+def test_large_steps_are_forgotten_sooner(atlas: Atlas, monkeypatch: pytest.MonkeyPatch) -> None:
+    everywhere = np.arange(len(atlas.surface.vertices))
+    monkeypatch.setattr(history, "BYTES_KEPT", 3 * 12 * len(everywhere))
+    annotations = Annotations(atlas)
+    annotations.add("one")
+    for step in range(9):
+        annotations.draw_vertices("one", everywhere, step + 1)
+    undone = 0
+    while annotations.can_undo:
+        annotations.undo()
+        undone += 1
+    assert undone == 3
+    assert set(annotations.labels("one")) == {6}
 
 
 def test_names_are_changed_and_come_back(atlas: Atlas) -> None:
