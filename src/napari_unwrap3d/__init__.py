@@ -9,6 +9,7 @@ The public API in one screen::
     points, valid = atlas.map(points, "surface", "uv")
     values = atlas.carry(values, "uv", "surface", kind="label")
     signal = unwrap3d.sample_signal(stack, atlas, channel=1)    # one value per vertex
+    atlas.annotations.add("cell bottom")                        # drawn on one chart, on all
     atlas.save("cell.unwrap3d")
 """
 
@@ -23,6 +24,7 @@ from .provenance import package_version
 
 if TYPE_CHECKING:
     from . import simulate
+    from .annotations import Annotations
     from .atlas import Atlas, load
     from .charts import (
         UV,
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
         Topography,
         Volume,
     )
+    from .files.annotation_export import export_annotations
+    from .files.autosave import save_annotations
     from .files.meshes import read_mesh
     from .files.stacks import read_stack
     from .geometry.compare import compare_meshes
@@ -48,6 +52,7 @@ __version__ = package_version()
 
 # What is imported from where when it is first asked for: importing the package is quick.
 _LAZY = {
+    "Annotations": "annotations",
     "Atlas": "atlas",
     "load": "atlas",
     "Mask": "charts",
@@ -60,6 +65,8 @@ _LAZY = {
     "Topography": "charts",
     "UV": "charts",
     "Volume": "charts",
+    "export_annotations": "files.annotation_export",
+    "save_annotations": "files.autosave",
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
     "compare_meshes": "geometry.compare",
@@ -72,6 +79,7 @@ _MODULES = {"simulate": ".simulate", "uv_views": ".unwrapping.uv_views"}
 
 __all__ = [
     "UV",
+    "Annotations",
     "Atlas",
     "Cancelled",
     "Mask",
@@ -89,10 +97,12 @@ __all__ = [
     "Volume",
     "__version__",
     "compare_meshes",
+    "export_annotations",
     "load",
     "read_mesh",
     "read_stack",
     "sample_signal",
+    "save_annotations",
     "simulate",
     "unwrap",
     "uv_views",
