@@ -30,7 +30,7 @@ from qtpy.QtWidgets import (
 from .layers import UNWRAPPED, LayerData
 from .notice import Notice, small_button
 from .placing import chart_of, placing
-from .threads import Task
+from .requested import MEANINGS, RequestedCharts
 
 if TYPE_CHECKING:
     from napari.layers import Layer
@@ -40,13 +40,6 @@ if TYPE_CHECKING:
 
 DOCK_NAME = "Unwrapped"
 TITLES = {"uv": "uv", "direct": "Direct", "plane": "Plane", "topography": "Topography"}
-MEANINGS = {
-    "uv": "The surface unwrapped through the reference: what lies outermost over each (v, u).",
-    "direct": "The surface unwrapped one to one: everything is seen, also under overhangs.",
-    "plane": "The topographic surface flattened to (u, v): everything is seen, one to one.",
-    "topography": "The space above and below the reference, slice by slice: (d, v, u).",
-}
-ON_REQUEST = ("direct", "plane")
 SHARE_OF_HEIGHT = 0.5
 MARGIN = 0.02
 MINIMUM_WIDTH = 420
@@ -126,9 +119,7 @@ class UnwrappedCanvas(QWidget):
         self._shown = _Shown()
         self._viewer = weakref.ref(viewer)
         self._layers: weakref.WeakKeyDictionary[Layer, _ChartLayer] = weakref.WeakKeyDictionary()
-        self._refused: dict[str, str] = {}
-        self._task: Task | None = None
-        self._computing = ""
+        self.requested = RequestedCharts(session, self)
         self._closed = False
         self._build(viewer)
         self._connect(viewer)
@@ -214,6 +205,8 @@ class UnwrappedCanvas(QWidget):
             event.connect(self._list_later)
         self.model.canvas.events.size.connect(self._on_resized)
         self.notice.pressed.connect(self._on_notice)
+        self.requested.changed.connect(self._update)
+        self.requested.computed.connect(self._on_computed)
         self.model.mouse_wheel_callbacks.append(self._on_wheel)
         self.model.mouse_drag_callbacks.append(self._on_drag)
         self._list_timer = _soon(self, self._update_list)
@@ -302,6 +295,8 @@ class UnwrappedCanvas(QWidget):
         """Show the images of charts in place of the old ones, one per step."""
         yield from placing(self.model, list(layers))
         self._update()
+        # An image may have another size now.
+        self._fit_timer.start()
 
     def show_tools(self, shown: bool = True) -> None:
         """Show the list and the controls of the layers beside the image."""
@@ -374,34 +369,19 @@ class UnwrappedCanvas(QWidget):
 
     def compute(self, chart: str) -> None:
         """Compute direct or plane in a thread; it is shown when it is done."""
-        atlas = self.atlas
-        if atlas is None or self._task is not None:
-            return
-        self._computing = chart
-        self._task = Task(getattr, atlas, chart)
-        self._task.returned.connect(self._on_computed)
-        self._task.failed.connect(self._on_not_computed)
-        self._task.start()
-        self._update()
+        self.requested.compute(chart)
 
-    def _on_computed(self, _: Any) -> None:
-        self._task, self._computing = None, ""
+    def _on_computed(self, _: str) -> None:
         self.charts_changed.emit()
-        self._update()
-
-    def _on_not_computed(self, error: BaseException) -> None:
-        self._refused[self._computing] = str(error)
-        self._task, self._computing = None, ""
-        self._update()
 
     def _on_notice(self, chart: str) -> None:
-        if chart in self._refused:
+        if chart in self.requested.refused:
             self.show_chart("direct")
         else:
             self.compute(chart)
 
     def _on_atlas(self, _: Any) -> None:
-        self._refused.clear()
+        self.requested.forget()
         self.charts_changed.emit()
         self._update()
 
@@ -415,22 +395,7 @@ class UnwrappedCanvas(QWidget):
         self.pages.setCurrentIndex(0 if there else 1)
         self.fit_button.setEnabled(there)
         if not there:
-            self._explain()
-
-    def _explain(self) -> None:
-        chart, atlas = self.chart, self.atlas
-        if chart in ON_REQUEST and chart in self._refused:
-            refused = "" if chart == "direct" else "Show the direct chart"
-            self.notice.say(self._refused[chart], refused, chart)
-        elif chart == self._computing:
-            self.notice.wait(f"Computing the {chart} chart …")
-        elif chart in ON_REQUEST and atlas is not None and atlas.has("topography"):
-            if atlas.has(chart):
-                self.notice.wait("Drawing …")
-            else:
-                self.notice.say(f"{MEANINGS[chart]}\nIt takes a while.", "Compute", chart)
-        else:
-            self.notice.say(f"{MEANINGS[chart]}\nIt appears when its step has run.", "", chart)
+            self.requested.explain(self.chart, self.notice)
 
     # The end ----------------------------------------------------------------------
 
@@ -459,6 +424,10 @@ class UnwrappedCanvas(QWidget):
         self.model.layers.clear()
         self.qt_viewer.close()
         self.qt_viewer.deleteLater()
+        # Whoever still holds this widget must not hold napari's.
+        del self.qt_viewer, self.controls, self.layer_list, self.pages
+        if viewer is not None:
+            _CANVASES.pop(viewer, None)
 
 
 def _soon(parent: QObject, action: Any) -> QTimer:

@@ -20,7 +20,7 @@ from qtpy.QtWidgets import (
 
 from ..charts import Stack
 from ..errors import ChartMissingError
-from ..fields import CURVATURE, Colours, Fields, fields_of
+from ..fields import CHARTS, CURVATURE, Colours, Fields, fields_of
 from .layers import KEY, image_layer
 from .notice import small_button
 from .threads import Task, tell
@@ -77,6 +77,7 @@ class Colouring(QObject):
         self._chosen: dict[str, tuple[Any, tuple[float, float]]] = {}
         self._wanted = ""
         self._task: Task | None = None
+        self._again = False
         self._turns = Turns(self)
         self._setting = False
         self._linked: list[Layer] = []
@@ -109,9 +110,14 @@ class Colouring(QObject):
             self.limits = (float(low), float(high))
             self._recolour()
 
+    @property
+    def busy(self) -> bool:
+        """Whether values are being computed, or brought to the views."""
+        return self._task is not None or self._turns.busy
+
     def reset(self) -> None:
         """Back to the field's own colormap and limits."""
-        if self.fields is not None and self.fields.known(self.field, "surface"):
+        if self.fields is not None and self.field in self.fields.names:
             self._take(self.fields.colours(self.field))
             self._recolour()
 
@@ -144,8 +150,12 @@ class Colouring(QObject):
 
     def _compute(self) -> None:
         """Values of the wanted field on every chart that is there, then :meth:`_show`."""
-        if self._task is not None or self.fields is None:
+        if self.fields is None:
             return
+        if self._task is not None:
+            self._again = True
+            return
+        self._again = False
         name, fields = self._wanted, self.fields
         self._task = Task(_values_everywhere, fields, name)
         self._task.returned.connect(self._on_values)
@@ -156,7 +166,7 @@ class Colouring(QObject):
     def _on_values(self, computed: tuple[Fields, str]) -> None:
         self._task = None
         self.working.emit(False)
-        if self.fields is None or computed != (self.fields, self._wanted):
+        if self.fields is None or computed != (self.fields, self._wanted) or self._again:
             self._compute()
             return
         self.field = self._wanted
@@ -276,9 +286,8 @@ class Colouring(QObject):
 
 def _values_everywhere(fields: Fields, name: str) -> tuple[Fields, str]:
     """Compute a field on every chart of its atlas; runs in a thread."""
-    atlas = fields.atlas
-    for chart in ("surface", "sealed", "uv", "direct", "plane", "reference", "sphere"):
-        if atlas.has(chart):
+    for chart in CHARTS:
+        if fields.reachable(name, chart):
             fields.values(name, chart)
     return fields, name
 
