@@ -270,11 +270,28 @@ class PaintedTexture:
         """The annotations over the field, the lowest first."""
         return tuple(self._coverings)
 
-    def set_base(self, colours: Colours) -> None:
-        """Show a field: its colours (N, 2N, 3)."""
-        covered = self._skin.covered[..., None]
-        image = np.where(covered, colours, np.array(WITHOUT_IMAGE, np.uint8))
-        self._base = np.ascontiguousarray(image.reshape(-1, 3))
+    def set_field(
+        self, values: Floats, table: Colours, limits: tuple[float, float], gamma: float = 1.0
+    ) -> None:
+        """Show a field below the annotations.
+
+        Parameters
+        ----------
+        values : ndarray, (N, 2N)
+            NaN is grey.
+        table : ndarray, (k, 3) uint8
+            A colormap from its lower to its upper end.
+        limits : (float, float)
+            The values at its ends.
+        gamma : float
+        """
+        low, high = limits
+        known = np.isfinite(values)
+        share = np.clip((values - low) / max(high - low, 1e-300), 0.0, 1.0)
+        place = np.where(known, share, 0.0) ** gamma * (len(table) - 1)
+        colours = table[(place + 0.5).astype(np.int64)]
+        colours[~known] = WITHOUT_IMAGE
+        self._base = colours.reshape(-1, 3)
         self._all()
 
     def cover(
