@@ -23,6 +23,7 @@ from .provenance import package_version
 
 if TYPE_CHECKING:
     from . import simulate
+    from .annotations import Annotations
     from .atlas import Atlas, load
     from .charts import (
         UV,
@@ -48,6 +49,7 @@ __version__ = package_version()
 
 # What is imported from where when it is first asked for: importing the package is quick.
 _LAZY = {
+    "Annotations": "annotations",
     "Atlas": "atlas",
     "load": "atlas",
     "Mask": "charts",
@@ -72,6 +74,7 @@ _MODULES = {"simulate": ".simulate", "uv_views": ".unwrapping.uv_views"}
 
 __all__ = [
     "UV",
+    "Annotations",
     "Atlas",
     "Cancelled",
     "Mask",

@@ -1,0 +1,82 @@
+"""One annotation: what was painted, the shapes over it, and what both show together."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import numpy.typing as npt
+
+from ..charts import Ints
+from .lookup import Labels
+from .shapes import Shape
+
+Colour = tuple[float, float, float, float]
+Cover = npt.NDArray[np.int32]
+NOTHING = np.zeros(0, np.int64)
+
+
+class Layer:
+    """Labels that were painted, and a cover of labels over some of them.
+
+    Parameters
+    ----------
+    painted : ndarray, (k,) uint16
+        Changed in place by :meth:`paint`.
+    """
+
+    def __init__(self, painted: Labels) -> None:
+        self.painted = painted
+        self.cover: Cover | None = None  # −1: what was painted shows
+
+    def shown(self) -> Labels:
+        """What shows, (k,)."""
+        if self.cover is None:
+            return self.painted
+        return np.where(self.cover < 0, self.painted, self.cover).astype(self.painted.dtype)
+
+    def at(self, index: Ints) -> Labels:
+        """What shows at some places."""
+        painted = self.painted[index]
+        if self.cover is None:
+            return painted
+        cover = self.cover[index]
+        return np.where(cover < 0, painted, cover).astype(painted.dtype)
+
+    def paint(self, index: Ints, values: Labels) -> Ints:
+        """Paint, and return where that changes what shows."""
+        before = self.painted[index]
+        self.painted[index] = values
+        differs = before != values
+        if self.cover is not None:
+            differs &= self.cover[index] < 0
+        return np.asarray(index[differs])
+
+    def set_cover(self, cover: Cover | None) -> Ints:
+        """Put another cover over it, and return where that changes what shows."""
+        before = self.shown()
+        self.cover = cover
+        return np.flatnonzero(before != self.shown())
+
+
+class Annotation:
+    """The labels of one annotation.
+
+    Attributes
+    ----------
+    surface : Layer
+        A label per vertex of the surface: the truth.
+    image : Layer or None
+        A label per pixel of uv (flat), where it keeps what was drawn there; None as long as
+        it only shows the surface's.
+    shapes : tuple of Shape
+        The later ones lie over the earlier ones.
+    colours : mapping
+        Colours (r, g, b, a), 0 to 1, of labels that have one of their own.
+    """
+
+    def __init__(self, size: int) -> None:
+        self.surface = Layer(np.zeros(size, np.uint16))
+        self.image: Layer | None = None
+        self.shapes: tuple[Shape, ...] = ()
+        self.colours: Mapping[int, Colour] = {}

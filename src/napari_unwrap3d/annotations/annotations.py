@@ -1,0 +1,459 @@
+"""The annotations of a cell: labels that a person drew, on whichever chart was best for it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+from weakref import WeakKeyDictionary
+
+import numpy as np
+import numpy.typing as npt
+from psygnal import Signal
+
+from ..charts import Ints
+from ..errors import AxesError, ChartMissingError, ParameterError
+from .annotation import NOTHING, Annotation, Cover, Layer
+from .charts import BUILDERS, ON_UV, OnUV, on_uv, outermost_vertices
+from .edits import Delta, Dirty, Painting, Setting
+from .history import Edit, History
+from .lookup import Labels, Owners
+from .shapes import (
+    FLAT_CHARTS,
+    OVERHANGS,
+    Overhang,
+    Shape,
+    check_label,
+    pixels_inside,
+    vertices_inside,
+)
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+
+LONGEST_NAME = 100
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What an edit changed.
+
+    Attributes
+    ----------
+    name : str
+        Of the annotation.
+    vertices : ndarray, (k,) int64
+        The vertices of the surface whose label changed.
+    labels : ndarray, (k,) uint16
+        What they show now.
+    pixels : mapping
+        For every watched chart the pixels that changed: flat indices and what they show now.
+    """
+
+    name: str
+    vertices: Ints
+    labels: Labels
+    pixels: Mapping[str, tuple[Ints, Labels]] = field(default_factory=dict)
+
+
+class Annotations:
+    """Named annotations of one cell, drawn and read on any of its charts.
+
+    The truth is a label per vertex of the surface. Drawing in uv marks every vertex over the
+    drawn pixels, the whole column of them or (`overhang`) only those on the outermost sheet,
+    and the uv image keeps its pixels as drawn until what lies over them is drawn elsewhere;
+    it shows what lies outermost. Drawing in any other chart marks what was touched.
+
+    Parameters
+    ----------
+    atlas : Atlas
+        Needs its surface; other charts when they are drawn on or read.
+
+    Attributes
+    ----------
+    changed : Signal (Change)
+        After every edit of labels, also in the midst of a stroke.
+    listed : Signal
+        After annotations were added, removed or renamed, or their colours changed.
+    shaped : Signal (str)
+        After the shapes of an annotation, of that name, changed.
+    """
+
+    changed = Signal(Change)
+    listed = Signal()
+    shaped = Signal(str)
+
+    def __init__(self, atlas: Atlas) -> None:
+        self._atlas = atlas
+        self._size = len(atlas.surface.vertices)
+        self._all: dict[str, Annotation] = {}
+        self._overhang: Overhang = "column"
+        self._watched: list[str] = []
+        self._owners: dict[str, Owners] = {}
+        self._building = threading.RLock()
+        self._dirty = Dirty()
+        self._relisted = False
+        self._reshaped: list[Annotation] = []
+        self._rasterised: WeakKeyDictionary[Shape, tuple[Ints, Ints]] = WeakKeyDictionary()
+        self._history = History(self._settle)
+
+    # Names -------------------------------------------------------------------------
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the annotations, in the order in which they were added."""
+        return tuple(self._all)
+
+    def add(self, name: str) -> None:
+        """Add an annotation without any label.
+
+        Raises
+        ------
+        ParameterError
+            The name is empty, too long or taken.
+        """
+        self._list({**self._all, self._free(name): Annotation(self._size)})
+
+    def remove(self, name: str) -> None:
+        """Remove an annotation with all of its labels and shapes."""
+        gone = self._annotation(name)
+        self._list({key: kept for key, kept in self._all.items() if kept is not gone})
+
+    def rename(self, old: str, new: str) -> None:
+        """Give an annotation another name."""
+        renamed = self._annotation(old)
+        if old != new:
+            free = self._free(new)
+            self._list({free if a is renamed else n: a for n, a in self._all.items()})
+
+    def _free(self, name: str) -> str:
+        if not name.strip() or len(name) > LONGEST_NAME:
+            raise ParameterError(
+                f"An annotation needs a name of at most {LONGEST_NAME} characters.",
+                length=len(name),
+            )
+        if name in self._all:
+            raise ParameterError(f"There already is an annotation {name!r}.")
+        return name
+
+    def _annotation(self, name: str) -> Annotation:
+        if name not in self._all:
+            raise ParameterError(
+                f"There is no annotation {name!r}.", hint=f"There are: {', '.join(self._all)}."
+            )
+        return self._all[name]
+
+    def _list(self, after: dict[str, Annotation]) -> None:
+        self._do(Setting(self._put_all, self._all, after))
+
+    def _put_all(self, annotations: dict[str, Annotation]) -> None:
+        self._all, self._relisted = annotations, True
+
+    # Reading -----------------------------------------------------------------------
+
+    def labels(self, name: str) -> Labels:
+        """One label per vertex of the surface, (n,) uint16: painted, overlaid by shapes."""
+        shown = self._annotation(name).surface.shown().view()
+        shown.setflags(write=False)
+        return shown
+
+    def image(self, name: str, chart: str) -> Labels:
+        """The label image (uint16) of a chart.
+
+        Parameters
+        ----------
+        name : str
+        chart : str
+            "uv", "direct" or "plane" (N, 2N), "topography" (D, N, 2N), "volume" (z, y, x) on
+            the grid of the mask, "surface" (n,), "reference" or "sphere" (one per vertex).
+
+        Raises
+        ------
+        ChartMissingError
+            The atlas does not have the chart.
+        """
+        annotation = self._annotation(name)
+        if chart == "uv" or chart in ON_UV:
+            uv = self._image(annotation).shown()
+            return uv.reshape(self._atlas.uv.shape) if chart == "uv" else uv[self._on_uv.pixel]
+        return self.owners(chart).display(annotation.surface.shown())
+
+    def owners(self, chart: str) -> Owners:
+        """The tables of a chart, built when first asked for (in a thread, if need be)."""
+        if chart not in self._owners:
+            with self._building:
+                if chart not in BUILDERS:
+                    raise ChartMissingError(f"There is no chart {chart!r} to draw in.")
+                if chart not in self._owners:
+                    self._owners[chart] = BUILDERS[chart](self._atlas)
+        return self._owners[chart]
+
+    def shape(self, chart: str) -> tuple[int, ...]:
+        """Of the label image of a chart."""
+        if chart in ON_UV:
+            return self._on_uv.pixel.shape
+        return self.owners(chart).shape
+
+    @cached_property
+    def _on_uv(self) -> OnUV:
+        return on_uv(self._atlas)
+
+    @cached_property
+    def outermost(self) -> npt.NDArray[np.bool_]:
+        """Which vertices (n,) lie on the outermost sheet over their place in uv."""
+        return outermost_vertices(self._atlas)
+
+    def ready(self, chart: str) -> bool:
+        """Whether the tables of a chart are built, so that drawing in it is quick."""
+        return chart in self._owners
+
+    # Drawing -----------------------------------------------------------------------
+
+    @property
+    def overhang(self) -> Overhang:
+        """What drawing in uv marks: the whole "column", or the "outermost" sheet of it."""
+        return self._overhang
+
+    @overhang.setter
+    def overhang(self, value: Overhang) -> None:
+        if value not in OVERHANGS:
+            raise ParameterError(f"Overhangs are drawn as {OVERHANGS}, not {value!r}.")
+        self._overhang = value
+
+    def draw(
+        self, name: str, chart: str, indices: tuple[npt.ArrayLike, ...], label: npt.ArrayLike
+    ) -> None:
+        """Draw a label at pixels of a chart; 0 erases.
+
+        Parameters
+        ----------
+        name : str
+        chart : str
+            As in :meth:`image`.
+        indices : tuple of array-like of int
+            One per axis of the chart's image, as ``np.nonzero`` gives.
+        label : int, or array-like of int
+            One for all pixels, or one for each.
+
+        Raises
+        ------
+        AxesError, ParameterError
+            Pixels lie outside of the image, or labels out of their range.
+        """
+        flat = _flat(indices, self.shape(chart))
+        values = np.asarray(label)
+        with self.stroke():
+            for value in np.unique(values):
+                chosen = flat if values.ndim == 0 else flat[values.ravel() == value]
+                self._draw(self._annotation(name), chart, chosen, check_label(value))
+
+    def _draw(self, annotation: Annotation, chart: str, pixels: Ints, label: int) -> None:
+        if chart in ON_UV:
+            chart, pixels = "uv", self._on_uv.drawn.of(pixels)
+        pixels = np.unique(pixels)
+        vertices = self._touched(chart, pixels, self.overhang)
+        self._paint(annotation, vertices, label, pixels if chart == "uv" else None)
+
+    def _touched(self, chart: str, pixels: Ints, overhang: Overhang) -> Ints:
+        """The vertices that drawing in pixels (flat) marks."""
+        vertices = self.owners(chart).touched(pixels)
+        if chart == "uv" and overhang == "outermost":
+            vertices = vertices[self.outermost[vertices]]
+        return vertices
+
+    def draw_vertices(self, name: str, vertices: npt.ArrayLike, label: int) -> None:
+        """Draw a label at exactly these vertices of the surface; 0 erases."""
+        chosen = np.unique(_flat((vertices,), (self._size,)))
+        self._paint(self._annotation(name), chosen, check_label(label))
+
+    def _paint(
+        self, annotation: Annotation, vertices: Ints, label: int, pixels: Ints | None = None
+    ) -> None:
+        """Paint vertices, and in uv the pixels that were drawn, or else those that show them."""
+        image = None
+        if pixels is not None:
+            image = Delta.of(self._image(annotation), pixels, label)
+        elif annotation.image is not None:
+            image = Delta.of(annotation.image, self.owners("uv").owned(vertices), label)
+        surface = Delta.of(annotation.surface, vertices, label)
+        edit = Painting(annotation, surface, image, partial(self.owners, "uv"), self._dirty)
+        if edit:
+            self._do(edit)
+
+    def _image(self, annotation: Annotation) -> Layer:
+        """The image of uv, made from the surface's labels where there is none."""
+        if annotation.image is None:
+            annotation.image = Layer(self.owners("uv").display(annotation.surface.painted).ravel())
+            annotation.image.cover = self._covers(annotation)[1]
+        return annotation.image
+
+    def _do(self, edit: Edit) -> None:
+        edit.apply(forward=True)
+        self._history.record(edit)
+        self._settle()
+
+    # Shapes ------------------------------------------------------------------------
+
+    def shapes(self, name: str, chart: str | None = None) -> tuple[Shape, ...]:
+        """The shapes of an annotation, or those of one chart; later ones lie on top."""
+        shapes = self._annotation(name).shapes
+        return tuple(shape for shape in shapes if chart in (None, shape.chart))
+
+    def set_shapes(self, name: str, shapes: Iterable[Shape], chart: str | None = None) -> None:
+        """Put shapes in the place of all that there are, or of those of one chart.
+
+        They lie over what is painted, which shows again where they are taken away.
+
+        Raises
+        ------
+        ParameterError
+            A shape is of another chart, or reaches too far beyond its image.
+        """
+        annotation, given = self._annotation(name), tuple(shapes)
+        if any(chart not in (None, shape.chart) for shape in given):
+            raise ParameterError(f"All of these shapes should be in {chart!r}.")
+        for shape in given:
+            self._inside(shape)
+        others = tuple(s for s in annotation.shapes if chart not in (None, s.chart))
+        put = partial(self._put_shapes, annotation)
+        self._do(Setting(put, annotation.shapes, (*others, *given)))
+
+    def add_shape(self, name: str, shape: Shape) -> None:
+        """Add a shape on top of the others."""
+        self.set_shapes(name, (*self.shapes(name), shape))
+
+    def _put_shapes(self, annotation: Annotation, shapes: tuple[Shape, ...]) -> None:
+        annotation.shapes = shapes
+        if any(shape.chart == "uv" for shape in shapes):
+            self._image(annotation)
+        surface, image = self._covers(annotation)
+        pixels = NOTHING
+        vertices = annotation.surface.set_cover(surface)
+        if annotation.image is not None:
+            pixels = annotation.image.set_cover(image)
+        self._dirty.add(annotation, vertices, pixels)
+        self._reshaped.append(annotation)
+
+    def _covers(self, annotation: Annotation) -> tuple[Cover | None, Cover | None]:
+        """What the shapes put over the surface's labels and over those of uv's image."""
+        if not annotation.shapes:
+            return None, None
+        surface = np.full(self._size, -1, np.int32)
+        image = None
+        if annotation.image is not None:
+            image = np.full(len(annotation.image.painted), -1, np.int32)
+        for shape in annotation.shapes:
+            vertices, pixels = self._inside(shape)
+            surface[vertices] = shape.label
+            if image is not None:
+                drawn = pixels if shape.chart == "uv" else self.owners("uv").owned(vertices)
+                image[drawn] = shape.label
+        return surface, image
+
+    def _inside(self, shape: Shape) -> tuple[Ints, Ints]:
+        """The vertices that a shape marks, and the pixels of its chart (flat)."""
+        if shape not in self._rasterised:
+            if shape.chart in FLAT_CHARTS:
+                pixels = pixels_inside(shape, self.shape(shape.chart)[0])
+                vertices = self._touched(shape.chart, pixels, shape.overhang)
+            else:
+                vertices, pixels = vertices_inside(shape, self._atlas.surface.vertices), NOTHING
+            self._rasterised[shape] = vertices, pixels
+        return self._rasterised[shape]
+
+    # Undoing -----------------------------------------------------------------------
+
+    def stroke(self) -> AbstractContextManager[None]:
+        """Everything inside is one step to undo; of nested strokes the outermost counts."""
+        return self._history.stroke()
+
+    def undo(self) -> None:
+        """Take back the last stroke, whatever it edited."""
+        self._history.undo()
+
+    def redo(self) -> None:
+        """Make the stroke again that was taken back last."""
+        self._history.redo()
+
+    @property
+    def can_undo(self) -> bool:
+        """Whether there is a stroke to take back, and none is being drawn."""
+        return self._history.can_undo
+
+    @property
+    def can_redo(self) -> bool:
+        """Whether there is a stroke that was taken back."""
+        return self._history.can_redo
+
+    # Watching ----------------------------------------------------------------------
+
+    def watch(self, chart: str) -> None:
+        """Have the pixels of a chart that change told with :attr:`changed`."""
+        self.owners("uv" if chart in ON_UV else chart)
+        if chart not in self._watched:
+            self._watched.append(chart)
+
+    def unwatch(self, chart: str) -> None:
+        """Tell the pixels of a chart no longer."""
+        if chart in self._watched:
+            self._watched.remove(chart)
+
+    def _settle(self) -> None:
+        """Tell what changed."""
+        names = {annotation: name for name, annotation in self._all.items()}
+        if self._relisted:
+            self._relisted = False
+            self.listed.emit()
+        for annotation, vertices, pixels in self._dirty.take():
+            if annotation in names and (len(vertices) or len(pixels)):
+                labels = annotation.surface.at(vertices)
+                parts = self._changed_pixels(annotation, vertices, pixels)
+                self.changed.emit(Change(names[annotation], vertices, labels, parts))
+        reshaped, self._reshaped = self._reshaped, []
+        for annotation in dict.fromkeys(reshaped):
+            if annotation in names:
+                self.shaped.emit(names[annotation])
+
+    def _changed_pixels(
+        self, annotation: Annotation, vertices: Ints, pixels: Ints
+    ) -> dict[str, tuple[Ints, Labels]]:
+        """For every watched chart; given what changed on the surface and in the image of uv."""
+        parts = {}
+        for chart in self._watched:
+            owners = self.owners("uv" if chart in ON_UV else chart)
+            if chart != "uv" and chart not in ON_UV:
+                flat = owners.owned(vertices)
+                parts[chart] = flat, owners.values(flat, annotation.surface.shown())
+                continue
+            flat = owners.owned(vertices) if annotation.image is None else pixels
+            image = self._image(annotation)
+            if chart == "uv":
+                parts[chart] = flat, image.at(flat)
+            else:
+                flat = self._on_uv.within.of(flat)
+                parts[chart] = flat, image.at(self._on_uv.pixel[flat])
+        return parts
+
+
+def _flat(indices: tuple[npt.ArrayLike, ...], shape: tuple[int, ...]) -> Ints:
+    """Flat indices of pixels.
+
+    Raises
+    ------
+    AxesError
+        They are of another number of axes, or lie outside of the image.
+    """
+    arrays = tuple(np.atleast_1d(np.asarray(axis)) for axis in indices)
+    if len(arrays) != len(shape) or any(axis.dtype.kind not in "iu" for axis in arrays):
+        raise AxesError(
+            "Pixels are given by one array of whole numbers per axis.",
+            axes=len(arrays),
+            expected=len(shape),
+        )
+    try:
+        return np.asarray(np.ravel_multi_index(arrays, shape), np.int64).ravel()
+    except ValueError as error:
+        raise AxesError(f"Pixels lie outside of the image: {error}.", shape=shape) from error
