@@ -22,7 +22,7 @@ from .layers import IMAGE, KEY, NORMAL, SPACE
 
 AXES = {"uv": IMAGE, "direct": IMAGE, "plane": IMAGE, "topography": NORMAL, "volume": SPACE}
 OPACITY = 0.65
-DRAWN = "annotation"
+DRAWN, DRAWN_ON = "annotation", "drawn_on"
 
 
 def drawing_name(annotation: str, chart: str) -> str:
@@ -61,7 +61,8 @@ class DrawnLabels(Labels):
         self._stroke = ExitStack()
         self._showing = False
         name = drawing_name(annotation, chart)
-        about = {"layer": name, "chart": chart, "field": "", DRAWN: annotation}
+        # It shows no chart itself, so that nobody takes it for the chart's own image.
+        about = {"layer": name, "chart": "", "field": "", DRAWN: annotation, DRAWN_ON: chart}
         given = {
             "name": name,
             "axis_labels": AXES[chart],
@@ -143,7 +144,14 @@ class DrawnLabels(Labels):
         self.annotations.draw(self.annotation, self.chart, drawn, labels)
         # Pixels that show no place of the surface cannot keep what was drawn in them.
         flat = np.ravel_multi_index(pixels, self.data.shape)
-        self._pend(flat, self.annotations.at(self.annotation, self.chart, flat))
+        self._pend(flat, self._kept(flat))
+
+    def _kept(self, flat: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """What the annotation shows in some pixels."""
+        if self.chart == "uv":
+            return self.annotations.image(self.annotation, "uv").reshape(-1)[flat]
+        owners = self.annotations.owners(self.chart)
+        return owners.values(flat, self.annotations.labels(self.annotation))
 
     def _at_all_depths(
         self, pixels: tuple[npt.NDArray[Any], ...], values: npt.NDArray[Any]

@@ -9,6 +9,7 @@ end; ``metadata["napari_unwrap3d"]["copies_of"]`` tells of which vertex each is 
 from __future__ import annotations
 
 import weakref
+from collections import Counter
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -36,6 +37,31 @@ SHADES = 256
 Colours = Mapping[int, npt.ArrayLike]
 # The colours of an annotation's labels, and whether it is visible.
 Style = Callable[[str], tuple[Colours, bool]]
+
+
+class Watching:
+    """Counts who shows a chart: it is watched as long as anybody does.
+
+    Parameters
+    ----------
+    annotations : Annotations
+    """
+
+    def __init__(self, annotations: Annotations) -> None:
+        self._annotations = annotations
+        self._count: Counter[str] = Counter()
+
+    def begin(self, chart: str) -> None:
+        """One more shows a chart."""
+        self._count[chart] += 1
+        if self._count[chart] == 1:
+            self._annotations.watch(chart)
+
+    def end(self, chart: str) -> None:
+        """One less does."""
+        self._count[chart] -= 1
+        if self._count[chart] == 0:
+            self._annotations.unwatch(chart)
 
 
 class LayerTexture:
@@ -170,6 +196,7 @@ class Texturing(QObject):
     annotations : Annotations
     style : callable
         Gives the colours of an annotation's labels, and whether it is visible.
+    watching : Watching
     parent : QObject, optional
     """
 
@@ -179,6 +206,7 @@ class Texturing(QObject):
         atlas: Atlas,
         annotations: Annotations,
         style: Style,
+        watching: Watching,
         parent: QObject | None = None,
     ) -> None:
         super().__init__(parent)
@@ -187,7 +215,7 @@ class Texturing(QObject):
         self._textures: dict[Layer, LayerTexture] = {}
         self._making: dict[str, Task] = {}
         self._skins: dict[str, Skin] = {}
-        self._watched: list[str] = []
+        self._watching, self._watched = watching, set[str]()
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(0)
@@ -316,13 +344,11 @@ class Texturing(QObject):
 
     def _watch(self) -> None:
         """Only the charts that are shown get their changes computed."""
-        wanted = sorted({texture.skin.chart for texture in self._textures.values()})
-        for chart in wanted:
-            if chart not in self._watched:
-                self._annotations.watch(chart)
-        for chart in self._watched:
-            if chart not in wanted:
-                self._annotations.unwatch(chart)
+        wanted = {texture.skin.chart for texture in self._textures.values()}
+        for chart in wanted - self._watched:
+            self._watching.begin(chart)
+        for chart in self._watched - wanted:
+            self._watching.end(chart)
         self._watched = wanted
 
 
