@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -10,15 +11,21 @@ import numpy.typing as npt
 
 from ..atlas import ON_SURFACE_VOXELS
 from ..charts import Floats, Ints
-from ..geometry.padding import sample_uv_nearest
+from ..geometry.near import nearest_vertices
+from ..geometry.overlaps import covered
+from ..geometry.padding import sample_uv_nearest, wrap_uv
+from ..unwrapping.direct import ownership
 from ..unwrapping.surface import same_mesh
 from ..unwrapping.uv import direction_to_uv
-from .lookup import Owners, Rows
+from .lookup import Owners, Places, Rows
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
 
 ON_UV = ("reference", "sphere")
+SHEETS_APART_VOXELS = 0.5
+# How far from the surface nodes and voxels show it, so that it is wide enough to be drawn on.
+NEAR_NODES_VOXELS, NEAR_VOXELS = 2.0, 1.5
 
 
 def nearest_pixels(points: Floats, rows: int) -> Ints:
@@ -51,6 +58,68 @@ def direct_owners(atlas: Atlas) -> Owners:
     """One to one with the sealed surface: the owner of a pixel and whom it speaks for."""
     chart = atlas.direct
     return _sealed_owners(atlas, chart.owner, chart.spokesman)
+
+
+def plane_owners(atlas: Atlas) -> Owners:
+    """The flattened sealed surface, in the same way."""
+    chart, sealed = atlas.plane, atlas.sealed
+    places = wrap_uv(chart.vertices, chart.shape[0])
+    owner, spokesman = ownership(sealed, chart.face, chart.weights, places)
+    return _sealed_owners(atlas, owner, spokesman)
+
+
+def topography_owners(atlas: Atlas) -> Owners:
+    """Nodes next to the surface show the nearest vertex; each marks that and those it holds."""
+    chart = atlas.topography
+    layers, rows, columns = chart.shape
+    step = float(chart.d_um[1] - chart.d_um[0])
+    index = chart.surface.copy()
+    index[:, 0] = (index[:, 0] - chart.d_um[0]) / step
+    reach = NEAR_NODES_VOXELS * atlas.voxel_um
+    nearest = nearest_vertices(
+        index,
+        atlas.surface.vertices,
+        atlas.surface.faces,
+        chart.shape,
+        reach,
+        (math.ceil(reach / step), 1, 1),
+        chart.positions,
+        periodic=True,
+    )
+    layer = np.arange(layers)[:, None, None]
+    nearest[(layer < chart.first_layer[1:-1]) | (layer > chart.last_layer[1:-1])] = -1
+    pixel = nearest_pixels(index[:, 1:], rows)
+    height = np.rint(np.nan_to_num(index[:, 0], nan=-1.0)).astype(np.int64)
+    inside = (pixel >= 0) & (height >= 0) & (height < layers)
+    return _sparse_owners(nearest, np.where(inside, height * rows * columns + pixel, -1))
+
+
+def volume_owners(atlas: Atlas) -> Owners:
+    """Voxels of the mask's grid next to the surface, in the same way."""
+    mask, surface = atlas.mask, atlas.surface
+    index = mask.to_index(surface.vertices)
+    margin = (math.ceil(NEAR_VOXELS),) * 3
+    nearest = nearest_vertices(index, index, surface.faces, mask.shape, NEAR_VOXELS, margin)
+    voxel = np.rint(index).astype(np.int64)
+    inside = ((voxel >= 0) & (voxel < mask.shape)).all(axis=1)
+    held = np.full(len(voxel), -1, np.int64)
+    held[inside] = np.ravel_multi_index(tuple(voxel[inside].T), mask.shape)
+    return _sparse_owners(nearest, held)
+
+
+def _sparse_owners(nearest: npt.NDArray[np.int32], held: Ints) -> Owners:
+    """From the vertex nearest to every node, −1 for none, and the node that holds each vertex."""
+    size, flat = len(held), nearest.reshape(-1)
+    lonely = np.flatnonzero((held >= 0) & (flat[held] < 0))
+    flat[held[lonely]] = lonely
+    places = Places(nearest >= 0)
+    shown = flat[places.flat]
+    count = len(shown)
+    holder = np.full(size, -1, np.int64)
+    holder[held >= 0] = places.rank(held[held >= 0])
+    rows = np.concatenate([np.arange(count), holder])
+    marked = Rows(rows, np.concatenate([shown, np.arange(size)]), count)
+    return Owners(nearest.shape, size, shown, marked, places=places)
 
 
 def _sealed_owners(
@@ -125,18 +194,18 @@ def on_uv(atlas: Atlas) -> OnUV:
 
 
 def outermost_vertices(atlas: Atlas) -> npt.NDArray[np.bool_]:
-    """Which vertices (n,) of the surface have nothing over them along their normal."""
-    height = atlas.outermost.height_um
-    image = atlas.topography.surface
-    known = np.isfinite(image).all(axis=1)
-    visible = np.zeros(len(image), bool)
-    over = sample_uv_nearest(height, image[known, 1:])
-    visible[known] = image[known, 0] >= over - atlas.voxel_um
-    return visible
+    """Which vertices (n,) of the surface have an image, and nothing over them."""
+    image, faces = atlas.topography.surface, atlas.surface.faces
+    tolerance = SHEETS_APART_VOXELS * atlas.voxel_um
+    hidden = covered(image, faces, atlas.uv.shape[0], tolerance)
+    return np.isfinite(image).all(axis=1) & ~hidden
 
 
 BUILDERS = {
     "surface": surface_owners,
     "uv": uv_owners,
     "direct": direct_owners,
+    "plane": plane_owners,
+    "topography": topography_owners,
+    "volume": volume_owners,
 }

@@ -100,16 +100,16 @@ def direct_chart(
     turned = directions @ rotation.T
     pixels = uv_to_direction(pixel_grid(rows).reshape(-1, 2), rows)
     face, weights = SphericalLocator(turned, sealed.faces).locate(pixels)
-    owner = sealed.faces[face, weights.argmax(axis=1)]
-    _give_pixels(owner, direction_to_uv(turned, rows), rows)
+    face, weights = face.reshape(rows, 2 * rows), weights.reshape(rows, 2 * rows, 3)
+    owner, spokesman = ownership(sealed, face, weights, direction_to_uv(turned, rows))
     return Direct(
         vertices=directions,
         faces=sealed.faces,
         rotation=rotation,
-        face=face.reshape(rows, 2 * rows),
-        weights=weights.reshape(rows, 2 * rows, 3),
-        owner=owner.reshape(rows, 2 * rows),
-        spokesman=spokesmen(sealed.vertices, sealed.faces, np.unique(owner)),
+        face=face,
+        weights=weights,
+        owner=owner,
+        spokesman=spokesman,
         registered=places.directions,
         cortex=places.single,
     )
@@ -144,6 +144,31 @@ def _over_others(turned: Floats, faces: Ints) -> npt.NDArray[np.bool_]:
     spread = ndimage.binary_dilation(several, np.ones((3, 3)), iterations=COVERAGE_MARGIN)
     inner = (slice(COVERAGE_MARGIN, -COVERAGE_MARGIN),) * 2
     return sample_uv_nearest(spread[inner], direction_to_uv(turned, COVERAGE_ROWS))
+
+
+def ownership(
+    sealed: SealedSurface, face: Ints, weights: Floats, places: Floats
+) -> tuple[Ints, Ints]:
+    """Which vertex each pixel belongs to, and whose pixels speak for each vertex.
+
+    Parameters
+    ----------
+    sealed : SealedSurface
+    face : ndarray, (N, 2N), weights : ndarray, (N, 2N, 3)
+        Where in its mesh each pixel's centre lies.
+    places : ndarray, (n, 2)
+        (v, u) of its vertices.
+
+    Returns
+    -------
+    owner : ndarray, (N, 2N) int64
+        The nearest corner of the face, or a vertex in the pixel that would have none.
+    spokesman : ndarray, (n,) int64
+        Itself, or the nearest vertex that has a pixel.
+    """
+    owner = sealed.faces[face, weights.argmax(axis=-1)].ravel()
+    _give_pixels(owner, places, len(face))
+    return owner.reshape(face.shape), spokesmen(sealed.vertices, sealed.faces, np.unique(owner))
 
 
 def _give_pixels(owner: Ints, places: Floats, rows: int) -> None:
