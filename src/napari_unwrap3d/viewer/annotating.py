@@ -74,7 +74,7 @@ class Annotating(QObject):
         self._annotations: Annotations | None = None
         self._texturing: Texturing | None = None
         self._current, self._label, self._tool = "", 1, LOOK
-        self.radius_um = 1.0
+        self._radius_um = 1.0
         self._colours: dict[str, dict[int, Colour]] = {}
         self._offset: dict[str, int] = {}
         self._hidden: set[str] = set()
@@ -114,7 +114,7 @@ class Annotating(QObject):
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
-        self.radius_um = float(f"{RADIUS_SHARE * size:.2g}")
+        self._radius_um = float(f"{RADIUS_SHARE * size:.2g}")
         self._on_listed()
         self.chosen.emit()
 
@@ -187,6 +187,17 @@ class Annotating(QObject):
     def label(self, label: int) -> None:
         if label != self._label:
             self._label = label
+            self.chosen.emit()
+
+    @property
+    def radius_um(self) -> float:
+        """Radius of the brush on the surface."""
+        return self._radius_um
+
+    @radius_um.setter
+    def radius_um(self, radius: float) -> None:
+        if radius != self._radius_um:
+            self._radius_um = radius
             self.chosen.emit()
 
     @property

@@ -184,8 +184,7 @@ class SurfacePainter(QObject):
         if tool == ERASE or ERASING_KEY in event.modifiers:
             label = 0
         camera = viewer.scene.camera
-        moves = camera.mouse_pan, camera.mouse_rotate
-        camera.mouse_pan = camera.mouse_rotate = False
+        moves, camera.mouse_pan = camera.mouse_pan, False
         try:
             # The canvas moves no camera and selects nothing with what we use.
             event.handled = True
@@ -193,7 +192,7 @@ class SurfacePainter(QObject):
                 drawing = self._go_around if tool == LASSO else self._paint
                 yield from drawing(hit.layer, label, event)
         finally:
-            camera.mouse_pan, camera.mouse_rotate = moves
+            camera.mouse_pan = moves
 
     def _paint(self, layer: Layer, label: int, event: Any) -> Iterator[None]:
         last = self._dab(layer, label, event, None)

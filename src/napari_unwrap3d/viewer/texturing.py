@@ -146,7 +146,7 @@ class LayerTexture:
         layer.metadata.setdefault(KEY, {})[COPIES] = origin
 
     def _cut(self) -> None:
-        vertices, faces, values = self.layer.data
+        vertices, _, values = self.layer.data
         origin = self.skin.origin
         self._changing = True
         try:
