@@ -19,7 +19,6 @@ from qtpy.QtWidgets import (
     QPushButton,
     QScrollArea,
     QSpinBox,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -79,15 +78,15 @@ class AnnotationWidget(QWidget):
         self.annotating: Annotating = annotating_of(napari_viewer)
         self._syncing = False
         self.list = AnnotationList(self.annotating)
-        self.tools: dict[str, QToolButton] = {}
+        self.tools: dict[str, QPushButton] = {}
         self.label_box = QSpinBox()
         self.radius_box = QDoubleSpinBox()
         self.undo_button, self.redo_button = QPushButton("Undo"), QPushButton("Redo")
         self.overhang_box = QComboBox()
-        self.all_depths = QCheckBox("In the topography, draw through all depths")
+        self.all_depths = QCheckBox("In topography, through all depths")
         self.slices = QCheckBox("Draw on slices of the stack")
         self.message, self.busy = QLabel(), QProgressBar()
-        self.help_button, self.help = QToolButton(), QLabel(HELP)
+        self.help_button, self.help = QPushButton(), QLabel(HELP)
         self._fill_in()
         self._arrange()
         self._connect()
@@ -96,8 +95,7 @@ class AnnotationWidget(QWidget):
     def _fill_in(self) -> None:
         self._group = QButtonGroup(self)
         for tool, (text, tip) in TOOL_TEXTS.items():
-            button = QToolButton()
-            button.setText(text)
+            button = QPushButton(text)
             button.setToolTip(tip)
             button.setCheckable(True)
             self._group.addButton(button)
@@ -133,15 +131,14 @@ class AnnotationWidget(QWidget):
         tools = QHBoxLayout()
         tools.setSpacing(2)
         for button in self.tools.values():
-            tools.addWidget(button)
-        tools.addStretch(1)
+            tools.addWidget(button, 1)
         history = QHBoxLayout()
         history.addWidget(self.undo_button)
         history.addWidget(self.redo_button)
         form = QFormLayout()
         form.addRow("Label", self.label_box)
         form.addRow("Brush radius", self.radius_box)
-        form.addRow("Drawing in uv marks", self.overhang_box)
+        form.addRow("In uv, mark", self.overhang_box)
         drawing = QGroupBox("Draw")
         column = QVBoxLayout(drawing)
         column.addLayout(tools)
@@ -166,10 +163,12 @@ class AnnotationWidget(QWidget):
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(content)
+        # Nothing is cut off at the side, also when the scroll bar is there.
+        bar = scroll.verticalScrollBar().sizeHint().width()
+        self.setMinimumWidth(max(WIDTH, content.minimumSizeHint().width() + bar))
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(scroll)
-        self.setMinimumWidth(WIDTH)
         self.help.hide()
         self.busy.hide()
 

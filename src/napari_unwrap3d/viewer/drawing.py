@@ -101,7 +101,8 @@ class DrawnLabels(Labels):
     @contextmanager
     def block_history(self) -> Iterator[None]:
         """Make everything inside one step to undo."""
-        with self.annotations.stroke(), super().block_history():
+        # napari's event of the end of a stroke comes when the annotations can undo it.
+        with super().block_history(), self.annotations.stroke():
             yield
 
     def _begin_stroke(self) -> None:
@@ -110,8 +111,8 @@ class DrawnLabels(Labels):
         self._stroke.enter_context(self.annotations.stroke())
 
     def _commit_stroke(self) -> None:
-        super()._commit_stroke()
         self._stroke.close()
+        super()._commit_stroke()
 
     def _abort_stroke(self) -> None:
         super()._abort_stroke()

@@ -204,6 +204,7 @@ class DrawingLayers(QObject):
         self._watching.begin(chart)
         self._layers[name, chart] = layer
         layer.events.selected_label.connect(self._on_label)
+        layer.events.paint.connect(self._on_stroke)
         if chart == VOLUME:
             viewer.add_layer(layer)
         else:
@@ -223,6 +224,7 @@ class DrawingLayers(QObject):
     def _remove(self, key: tuple[str, str]) -> None:
         layer = self._layers.pop(key)
         layer.events.selected_label.disconnect(self._on_label)
+        layer.events.paint.disconnect(self._on_stroke)
         layer.close()
         if self._watching is not None:
             self._watching.end(key[1])
@@ -295,6 +297,9 @@ class DrawingLayers(QObject):
             pixel = uv_pixel_um(atlas.uv.shape[0], radius)
         size = round(2 * self._annotating.radius_um / pixel)
         return int(np.clip(size, SMALLEST_BRUSH, LARGEST_BRUSH))
+
+    def _on_stroke(self, _: Any = None) -> None:
+        self._annotating.edited.emit()
 
     def _on_label(self, event: Any) -> None:
         label = int(event.source.selected_label)

@@ -193,6 +193,7 @@ class SurfacePainter(QObject):
                 yield from drawing(hit.layer, label, event)
         finally:
             camera.mouse_pan = moves
+            self._annotating.edited.emit()
 
     def _paint(self, layer: Layer, label: int, event: Any) -> Iterator[None]:
         last = self._dab(layer, label, event, None)
@@ -256,6 +257,7 @@ class SurfacePainter(QObject):
         self._lassoing = None
         if not self._closed and self._annotating.current:
             self._mark(layer, vertices, label)
+            self._annotating.edited.emit()
 
     def _show_outline(self) -> Outline:
         viewer = self._viewer()
