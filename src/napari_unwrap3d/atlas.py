@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import numpy.typing as npt
@@ -37,6 +37,9 @@ from .unwrapping.plane import flat_sphere
 from .unwrapping.surface import same_mesh
 from .unwrapping.topography import TopographyLocator, topography_to_world
 from .unwrapping.uv import direction_to_uv, uv_to_direction
+
+if TYPE_CHECKING:
+    from .annotations import Annotations
 
 Kind = Literal["scalar", "label"]
 Valid = npt.NDArray[np.bool_]
@@ -104,9 +107,15 @@ class Atlas:
         """The same atlas with other charts, parameters, quality or provenance.
 
         Charts that were not computed stay so, which ``dataclasses.replace`` cannot do.
+        Annotations are carried along.
         """
+        from .annotations.state import moved
+
         kept = {name: object.__getattribute__(self, name) for name in self.__dataclass_fields__}
-        return Atlas(**{**kept, **changes})
+        atlas = Atlas(**{**kept, **changes})
+        if self.annotated is not None and atlas.has("surface"):
+            atlas.annotations.restore(moved(self.annotated, atlas))
+        return atlas
 
     @property
     def direct(self) -> Direct:
@@ -414,6 +423,21 @@ class Atlas:
             NaN where the region is empty.
         """
         return region_mean(values, region, self.elements(chart))
+
+    # Annotations -------------------------------------------------------------------
+
+    @cached_property
+    def annotations(self) -> Annotations:
+        """Labels, shapes and points that a person drew; saved with the atlas."""
+        from .annotations import Annotations
+
+        return Annotations(self)
+
+    @property
+    def annotated(self) -> Annotations | None:
+        """The annotations, if anyone ever asked for them."""
+        found: Annotations | None = self.__dict__.get("annotations")
+        return found
 
     # Files -------------------------------------------------------------------------
 

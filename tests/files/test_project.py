@@ -12,7 +12,7 @@ import pytest
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import Cancelled, ChartMissingError, FileFormatError, InputError
-from napari_unwrap3d.files import project
+from napari_unwrap3d.files import arrays, project
 from napari_unwrap3d.files.project import (
     SCHEMA_VERSION,
     load_project,
@@ -85,7 +85,7 @@ def test_bits_survive_whatever_the_values_are(tmp_path: Path, atlas: Atlas) -> N
 def test_large_arrays_are_cut_into_chunks_and_come_back(
     tmp_path: Path, atlas: Atlas, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(project, "CHUNK_BYTES", 100_000)
+    monkeypatch.setattr(arrays, "CHUNK_BYTES", 100_000)
     path = save_project(atlas, tmp_path / "cell.unwrap3d")
     with zipfile.ZipFile(path) as archive:
         chunks = [n for n in archive.namelist() if n.startswith("topography/nodes/c/")]

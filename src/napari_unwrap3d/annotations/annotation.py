@@ -8,12 +8,12 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Ints
+from ..errors import ParameterError
 from .lookup import Labels
-from .shapes import Shape
+from .shapes import Shape, check_label
+from .state import Colour
 
-Colour = tuple[float, float, float, float]
 Cover = npt.NDArray[np.int32]
-NOTHING = np.zeros(0, np.int64)
 
 
 class Layer:
@@ -80,3 +80,21 @@ class Annotation:
         self.image: Layer | None = None
         self.shapes: tuple[Shape, ...] = ()
         self.colours: Mapping[int, Colour] = {}
+
+
+def checked_colours(colours: Mapping[int, Colour]) -> dict[int, Colour]:
+    """Colours of labels.
+
+    Raises
+    ------
+    ParameterError
+        A label is no label, or a colour is no four numbers of 0 to 1.
+    """
+    checked: dict[int, Colour] = {}
+    for label, colour in colours.items():
+        values = np.asarray(colour, dtype=np.float64)
+        if values.shape != (4,) or not ((values >= 0) & (values <= 1)).all():
+            raise ParameterError("A colour is (r, g, b, a), each from 0 to 1.", label=label)
+        red, green, blue, alpha = values.tolist()
+        checked[check_label(label)] = (red, green, blue, alpha)
+    return checked

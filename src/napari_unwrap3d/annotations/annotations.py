@@ -2,34 +2,28 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
-from functools import cached_property, partial
+from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING
-from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 from psygnal import Signal
 
 from ..charts import Ints
-from ..errors import AxesError, ChartMissingError, ParameterError
-from .annotation import NOTHING, Annotation, Cover, Layer
-from .charts import BUILDERS, ON_UV, OnUV, on_uv, outermost_vertices
+from ..errors import AxesError, ParameterError
+from .annotation import Annotation, Cover, Layer, checked_colours
+from .charts import ON_UV
 from .edits import Delta, Dirty, Painting, Setting
 from .history import Edit, History
 from .lookup import Labels, Owners
-from .shapes import (
-    FLAT_CHARTS,
-    OVERHANGS,
-    Overhang,
-    Shape,
-    check_label,
-    pixels_inside,
-    vertices_inside,
-)
+from .points import Points
+from .shapes import Overhang, Shape, check_label, checked_overhang
+from .state import Colour, Drawn, State, moved
+from .tables import NOTHING, Tables
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
@@ -78,6 +72,8 @@ class Annotations:
         After every edit of labels, also in the midst of a stroke.
     listed : Signal
         After annotations were added, removed or renamed, or their colours changed.
+    points : Points
+        Named points on the surface.
     shaped : Signal (str)
         After the shapes of an annotation, of that name, changed.
     """
@@ -92,13 +88,17 @@ class Annotations:
         self._all: dict[str, Annotation] = {}
         self._overhang: Overhang = "column"
         self._watched: list[str] = []
-        self._owners: dict[str, Owners] = {}
-        self._building = threading.RLock()
+        self.tables = Tables(atlas)
         self._dirty = Dirty()
         self._relisted = False
         self._reshaped: list[Annotation] = []
-        self._rasterised: WeakKeyDictionary[Shape, tuple[Ints, Ints]] = WeakKeyDictionary()
+        self.points = Points(atlas, self._do)
         self._history = History(self._settle)
+
+    @property
+    def atlas(self) -> Atlas:
+        """The charts."""
+        return self._atlas
 
     # Names -------------------------------------------------------------------------
 
@@ -130,14 +130,9 @@ class Annotations:
             self._list({free if a is renamed else n: a for n, a in self._all.items()})
 
     def _free(self, name: str) -> str:
-        if not name.strip() or len(name) > LONGEST_NAME:
-            raise ParameterError(
-                f"An annotation needs a name of at most {LONGEST_NAME} characters.",
-                length=len(name),
-            )
         if name in self._all:
             raise ParameterError(f"There already is an annotation {name!r}.")
-        return name
+        return checked_name(name)
 
     def _annotation(self, name: str) -> Annotation:
         if name not in self._all:
@@ -145,6 +140,19 @@ class Annotations:
                 f"There is no annotation {name!r}.", hint=f"There are: {', '.join(self._all)}."
             )
         return self._all[name]
+
+    def colours(self, name: str) -> Mapping[int, Colour]:
+        """Label to (r, g, b, a), 0 to 1, of the labels that have a colour of their own."""
+        return MappingProxyType(dict(self._annotation(name).colours))
+
+    def set_colours(self, name: str, colours: Mapping[int, Colour]) -> None:
+        """Give labels colours of their own, in the place of those that they had."""
+        annotation, after = self._annotation(name), checked_colours(colours)
+        put = partial(self._put_colours, annotation)
+        self._do(Setting(put, annotation.colours, after))
+
+    def _put_colours(self, annotation: Annotation, colours: Mapping[int, Colour]) -> None:
+        annotation.colours, self._relisted = colours, True
 
     def _list(self, after: dict[str, Annotation]) -> None:
         self._do(Setting(self._put_all, self._all, after))
@@ -177,38 +185,23 @@ class Annotations:
         """
         annotation = self._annotation(name)
         if chart == "uv" or chart in ON_UV:
-            uv = self._image(annotation).shown()
-            return uv.reshape(self._atlas.uv.shape) if chart == "uv" else uv[self._on_uv.pixel]
+            uv = self._image(annotation).shown().copy()
+            return (
+                uv.reshape(self._atlas.uv.shape) if chart == "uv" else uv[self.tables.on_uv.pixel]
+            )
         return self.owners(chart).display(annotation.surface.shown())
 
     def owners(self, chart: str) -> Owners:
-        """The tables of a chart, built when first asked for (in a thread, if need be)."""
-        if chart not in self._owners:
-            with self._building:
-                if chart not in BUILDERS:
-                    raise ChartMissingError(f"There is no chart {chart!r} to draw in.")
-                if chart not in self._owners:
-                    self._owners[chart] = BUILDERS[chart](self._atlas)
-        return self._owners[chart]
-
-    def shape(self, chart: str) -> tuple[int, ...]:
-        """Of the label image of a chart."""
-        if chart in ON_UV:
-            return self._on_uv.pixel.shape
-        return self.owners(chart).shape
-
-    @cached_property
-    def _on_uv(self) -> OnUV:
-        return on_uv(self._atlas)
-
-    @cached_property
-    def outermost(self) -> npt.NDArray[np.bool_]:
-        """Which vertices (n,) lie on the outermost sheet over their place in uv."""
-        return outermost_vertices(self._atlas)
+        """The tables of a chart, built when first asked for: in a thread, if need be."""
+        return self.tables.owners(chart)
 
     def ready(self, chart: str) -> bool:
         """Whether the tables of a chart are built, so that drawing in it is quick."""
-        return chart in self._owners
+        return self.tables.ready(chart)
+
+    def shape(self, chart: str) -> tuple[int, ...]:
+        """Of the label image of a chart."""
+        return self.tables.shape(chart)
 
     # Drawing -----------------------------------------------------------------------
 
@@ -219,9 +212,7 @@ class Annotations:
 
     @overhang.setter
     def overhang(self, value: Overhang) -> None:
-        if value not in OVERHANGS:
-            raise ParameterError(f"Overhangs are drawn as {OVERHANGS}, not {value!r}.")
-        self._overhang = value
+        self._overhang = checked_overhang(value)
 
     def draw(
         self, name: str, chart: str, indices: tuple[npt.ArrayLike, ...], label: npt.ArrayLike
@@ -252,17 +243,9 @@ class Annotations:
 
     def _draw(self, annotation: Annotation, chart: str, pixels: Ints, label: int) -> None:
         if chart in ON_UV:
-            chart, pixels = "uv", self._on_uv.drawn.of(pixels)
-        pixels = np.unique(pixels)
-        vertices = self._touched(chart, pixels, self.overhang)
-        self._paint(annotation, vertices, label, pixels if chart == "uv" else None)
-
-    def _touched(self, chart: str, pixels: Ints, overhang: Overhang) -> Ints:
-        """The vertices that drawing in pixels (flat) marks."""
-        vertices = self.owners(chart).touched(pixels)
-        if chart == "uv" and overhang == "outermost":
-            vertices = vertices[self.outermost[vertices]]
-        return vertices
+            chart, pixels = "uv", self.tables.on_uv.drawn.of(pixels)
+        vertices = self.tables.touched(chart, pixels, self.overhang)
+        self._paint(annotation, vertices, label, np.unique(pixels) if chart == "uv" else None)
 
     def draw_vertices(self, name: str, vertices: npt.ArrayLike, label: int) -> None:
         """Draw a label at exactly these vertices of the surface; 0 erases."""
@@ -316,7 +299,7 @@ class Annotations:
         if any(chart not in (None, shape.chart) for shape in given):
             raise ParameterError(f"All of these shapes should be in {chart!r}.")
         for shape in given:
-            self._inside(shape)
+            self.tables.inside(shape)
         others = tuple(s for s in annotation.shapes if chart not in (None, s.chart))
         put = partial(self._put_shapes, annotation)
         self._do(Setting(put, annotation.shapes, (*others, *given)))
@@ -346,23 +329,16 @@ class Annotations:
         if annotation.image is not None:
             image = np.full(len(annotation.image.painted), -1, np.int32)
         for shape in annotation.shapes:
-            vertices, pixels = self._inside(shape)
+            vertices, pixels = self.tables.inside(shape)
             surface[vertices] = shape.label
             if image is not None:
                 drawn = pixels if shape.chart == "uv" else self.owners("uv").owned(vertices)
                 image[drawn] = shape.label
         return surface, image
 
-    def _inside(self, shape: Shape) -> tuple[Ints, Ints]:
-        """The vertices that a shape marks, and the pixels of its chart (flat)."""
-        if shape not in self._rasterised:
-            if shape.chart in FLAT_CHARTS:
-                pixels = pixels_inside(shape, self.shape(shape.chart)[0])
-                vertices = self._touched(shape.chart, pixels, shape.overhang)
-            else:
-                vertices, pixels = vertices_inside(shape, self._atlas.surface.vertices), NOTHING
-            self._rasterised[shape] = vertices, pixels
-        return self._rasterised[shape]
+    def marked_by(self, shape: Shape) -> Ints:
+        """The vertices of the surface that a shape marks."""
+        return self.tables.inside(shape)[0]
 
     # Undoing -----------------------------------------------------------------------
 
@@ -387,6 +363,42 @@ class Annotations:
     def can_redo(self) -> bool:
         """Whether there is a stroke that was taken back."""
         return self._history.can_redo
+
+    # As plain data -----------------------------------------------------------------
+
+    def state(self) -> State:
+        """A copy of everything that was drawn, which may be saved in a thread."""
+        drawn = []
+        for name, part in self._all.items():
+            image = None
+            if part.image is not None:
+                image = part.image.painted.reshape(self._atlas.uv.shape).copy()
+            labels = part.surface.painted.copy()
+            drawn.append(Drawn(name, labels, image, part.shapes, dict(part.colours)))
+        return State(tuple(drawn), dict(self.points.positions), self._overhang)
+
+    def restore(self, state: State) -> None:
+        """Put a state in the place of everything; nothing before can be undone any more."""
+        self._all, self._relisted = {}, True
+        for part in state.drawn:
+            annotation = Annotation(self._size)
+            annotation.surface.painted[:] = part.labels
+            if part.image is not None:
+                annotation.image = Layer(part.image.astype(np.uint16).ravel())
+            annotation.colours = dict(part.colours)
+            self._all[self._free(part.name)] = annotation
+            if part.shapes:
+                self._put_shapes(annotation, part.shapes)
+        self.overhang = state.overhang
+        self.points.replace(state.points)
+        self._history.clear()
+        self._settle()
+
+    def on(self, atlas: Atlas) -> Annotations:
+        """The same annotations on another atlas of the same cell; see :func:`.state.moved`."""
+        there = Annotations(atlas)
+        there.restore(moved(self, atlas))
+        return there
 
     # Watching ----------------------------------------------------------------------
 
@@ -433,9 +445,22 @@ class Annotations:
             if chart == "uv":
                 parts[chart] = flat, image.at(flat)
             else:
-                flat = self._on_uv.within.of(flat)
-                parts[chart] = flat, image.at(self._on_uv.pixel[flat])
+                flat = self.tables.on_uv.within.of(flat)
+                parts[chart] = flat, image.at(self.tables.on_uv.pixel[flat])
         return parts
+
+
+def checked_name(name: str) -> str:
+    """The name of an annotation or a point.
+
+    Raises
+    ------
+    ParameterError
+        It is no text, empty or too long.
+    """
+    if not isinstance(name, str) or not name.strip() or len(name) > LONGEST_NAME:
+        raise ParameterError(f"A name has 1 to {LONGEST_NAME} characters, not {name!r:.200}.")
+    return name
 
 
 def _flat(indices: tuple[npt.ArrayLike, ...], shape: tuple[int, ...]) -> Ints:

@@ -84,10 +84,9 @@ def topography_owners(atlas: Atlas) -> Owners:
         reach,
         (math.ceil(reach / step), 1, 1),
         chart.positions,
+        (chart.first_layer[1:-1], chart.last_layer[1:-1]),
         periodic=True,
     )
-    layer = np.arange(layers)[:, None, None]
-    nearest[(layer < chart.first_layer[1:-1]) | (layer > chart.last_layer[1:-1])] = -1
     pixel = nearest_pixels(index[:, 1:], rows)
     height = np.rint(np.nan_to_num(index[:, 0], nan=-1.0)).astype(np.int64)
     inside = (pixel >= 0) & (height >= 0) & (height < layers)

@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Ints
-from .annotation import NOTHING, Annotation, Layer
+from .annotation import Annotation, Layer
 from .lookup import Labels, Owners
+from .tables import NOTHING
 
 
 @dataclass(eq=False)

@@ -63,8 +63,7 @@ class Shape:
                 hint="Draw polygons, rectangles and ellipses in uv, direct and plane; boxes "
                 "and half-spaces in the volume.",
             )
-        if self.overhang not in OVERHANGS:
-            raise ParameterError(f"Overhangs are drawn as {OVERHANGS}, not {self.overhang!r}.")
+        checked_overhang(self.overhang)
         shape = self.vertices.shape
         if self.chart == "volume":
             good = shape == (2, 3)
@@ -101,6 +100,20 @@ class Shape:
         )
 
 
+def checked_overhang(value: str) -> Overhang:
+    """Whether drawing in uv marks the whole column, or only its outermost sheet.
+
+    Raises
+    ------
+    ParameterError
+        It is neither "column" nor "outermost".
+    """
+    for known in OVERHANGS:
+        if value == known:
+            return known
+    raise ParameterError(f"Overhangs are drawn as {' or '.join(OVERHANGS)}, not {value!r}.")
+
+
 def check_label(label: Any) -> int:
     """A label as int.
 
@@ -130,8 +143,23 @@ def pixels_inside(shape: Shape, rows: int) -> Ints:
     """
     from skimage.draw import polygon
 
-    corners = shape.vertices
+    corners, (low, high) = shape.vertices, check_reach(shape, rows)
+    if shape.kind == "ellipse":
+        corners = _ellipse(corners)
+    v, u = polygon(corners[:, 0] - low[0], corners[:, 1] - low[1], tuple(high - low))
+    return np.unique(wrapped(v + low[0], u + low[1], rows))
+
+
+def check_reach(shape: Shape, rows: int) -> tuple[Ints, Ints]:
+    """The lowest and the highest (v, u) that a shape on an image (N, 2N) may reach.
+
+    Raises
+    ------
+    ParameterError
+        It reaches beyond.
+    """
     low, high = np.array([-rows, -2 * rows]), np.array([2 * rows, 4 * rows])
+    corners = shape.vertices
     if (corners < low).any() or (corners >= high).any():
         raise ParameterError(
             "A shape reaches too far beyond the image.",
@@ -139,10 +167,7 @@ def pixels_inside(shape: Shape, rows: int) -> Ints:
             highest=tuple(float(c) for c in corners.max(axis=0)),
             hint="Keep it within one turn of the seam and half a turn of a pole.",
         )
-    if shape.kind == "ellipse":
-        corners = _ellipse(corners)
-    v, u = polygon(corners[:, 0] - low[0], corners[:, 1] - low[1], tuple(high - low))
-    return np.unique(wrapped(v + low[0], u + low[1], rows))
+    return low, high
 
 
 def wrapped(v: npt.NDArray[Any], u: npt.NDArray[Any], rows: int) -> Ints:

@@ -1,19 +1,18 @@
 """The project file: one atlas in one ``*.unwrap3d`` file (Zarr v3 in a zip).
 
-Layout, schema version 2 (1 has no direct chart and no cuts)::
+Layout, schema version 3 (1 has no direct chart and no cuts, 2 no annotations)::
 
     /              attributes: format, schema_version, parameters (TOML text), quality,
-                   provenance (JSON)
+                   provenance, view (JSON)
     /surface       a group per chart; attributes: type (the class), values (scalars, JSON)
     /surface/vertices, faces, ...        an array per array
     /surface/fields                      a group per mapping of arrays
     /sealed/mask                         a group per nested mask or volume
     ...
+    /annotations                         see :mod:`.annotated`
 
-Arrays are compressed by Blosc (zstd, bitshuffle) and come back bit for bit. Arrays of
-positions on a grid are smooth along every axis of the grid; they are stored as the
-differences of their bit patterns along those axes (attribute ``differences``), which
-is exact, and three times smaller than compressing them as they are.
+Arrays are compressed by Blosc (zstd, bitshuffle) and come back bit for bit; see
+:mod:`.arrays`.
 """
 
 from __future__ import annotations
@@ -33,17 +32,21 @@ from .. import charts
 from ..errors import FileFormatError, InputError, SchemaError, Unwrap3DError
 from ..parameters import Parameters
 from ..progress import Progress, silent
+from .annotated import GROUP, checked_view, read_annotations, state_of, write_annotations
 from .archive import NODE, check_entries, check_layout, read_node
+from .arrays import read_array, write_array
 from .atomic import from_plain, plain, replacing
 from .consistency import check_charts
 
 if TYPE_CHECKING:
     import zarr
 
+    from ..annotations import Annotations
+    from ..annotations.state import State
     from ..atlas import Atlas
 
 FORMAT = "napari-unwrap3d project"
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
 
@@ -58,7 +61,6 @@ CHARTS = (
     "plane",
     "mask",
 )
-CHUNK_BYTES = 48 * 2**20
 SMOOTH_GRIDS = ("nodes", "positions")
 
 # The classes that a group can be of, by name: no other name of a file is looked up.
@@ -88,7 +90,14 @@ _DAMAGED = (
 # Saving ----------------------------------------------------------------------
 
 
-def save_project(atlas: Atlas, path: str | Path, progress: Progress | None = None) -> Path:
+def save_project(
+    atlas: Atlas,
+    path: str | Path,
+    progress: Progress | None = None,
+    *,
+    annotations: Annotations | State | None = None,
+    view: Mapping[str, Any] | None = None,
+) -> Path:
     """Save an atlas, with everything needed to open it again, in one file.
 
     Parameters
@@ -99,6 +108,10 @@ def save_project(atlas: Atlas, path: str | Path, progress: Progress | None = Non
         ``.unwrap3d`` is appended unless it is there. An existing file is replaced
         only when the new one is complete.
     progress : Progress, optional
+    annotations : Annotations or their state, optional
+        Those that were drawn on the atlas; its own unless given.
+    view : mapping, optional
+        What a viewer wants back when the project is opened: JSON-able and small.
 
     Returns
     -------
@@ -112,15 +125,19 @@ def save_project(atlas: Atlas, path: str | Path, progress: Progress | None = Non
     path = Path(path)
     if path.suffix != SUFFIX:
         path = path.with_name(path.name + SUFFIX)
+    state = state_of(annotations if annotations is not None else atlas.annotated)
+    attributes = {**_root_attributes(atlas), "view": checked_view(view or {})}
     present = {name: getattr(atlas, name) for name in CHARTS if atlas.has(name)}
     size = sum(_bytes(chart) for chart in present.values()) or 1
     written = 0
     with replacing(path) as partial, ZipStore(partial, mode="w") as store:
-        root = zarr.create_group(store, attributes=_root_attributes(atlas))
+        root = zarr.create_group(store, attributes=attributes)
         for name, chart in present.items():
             part = report.part(written / size, (written + _bytes(chart)) / size)
             _write_group(root, name, chart, part)
             written += _bytes(chart)
+        if state is not None:
+            write_annotations(root, state, report)
     return path
 
 
@@ -164,7 +181,7 @@ def _write_group(parent: zarr.Group, name: str, chart: Any, report: Progress) ->
     for key, value in parts.items():
         report.check()
         if isinstance(value, np.ndarray):
-            _write_array(group, key, value, report, smooth=key in SMOOTH_GRIDS)
+            write_array(group, key, value, report, smooth=key in SMOOTH_GRIDS)
         elif is_dataclass(value):
             _write_group(group, key, value, report.part(0.0, 1.0))
         elif _is_arrays(value):
@@ -178,89 +195,7 @@ def _write_mapping(
     # Names of fields are free text, so they stand in the attributes and not in paths.
     group = parent.create_group(name, attributes={"type": "mapping", "names": list(arrays)})
     for index, array in enumerate(arrays.values()):
-        _write_array(group, str(index), array, report)
-
-
-def _write_array(
-    group: zarr.Group,
-    name: str,
-    values: npt.NDArray[Any],
-    report: Progress,
-    smooth: bool = False,
-) -> None:
-    from zarr.codecs import BloscCodec
-
-    if values.dtype.kind not in "biufc":
-        raise InputError(
-            f"The array {name!r} holds {values.dtype}, which a project cannot keep.",
-            hint="Fields are numbers or booleans; turn names into integer labels.",
-        )
-    values = np.asarray(values, dtype=values.dtype.newbyteorder("="))
-    axes = tuple(range(values.ndim - 1)) if smooth and values.dtype.kind == "f" else ()
-    stored = np.dtype(f"i{values.dtype.itemsize}") if axes else values.dtype
-    rows = _rows(values.shape, values.dtype.itemsize)
-    array = group.create_array(
-        name,
-        shape=values.shape,
-        dtype=stored,
-        chunks=tuple(max(n, 1) for n in (rows, *values.shape[1:])[: values.ndim]),
-        compressors=BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"),
-        attributes={"differences": list(axes), "dtype": values.dtype.name},
-        # Empty chunks are written too, so that a missing chunk is known as damage.
-        config={"write_empty_chunks": True},
-    )
-    for block in _blocks(values.shape, rows):
-        part = values[block]
-        array[block] = _differences(part, stored, axes) if axes else part
-        if values.ndim and len(values):
-            report((block[0].stop or 1) / len(values), f"saving {name}")
-
-
-def _rows(shape: tuple[int, ...], itemsize: int) -> int:
-    """How many entries of the first axis make a chunk."""
-    if not shape:
-        return 1
-    row = max(int(np.prod(shape[1:], dtype=np.int64)) * itemsize, 1)
-    return int(np.clip(CHUNK_BYTES // row, 1, max(shape[0], 1)))
-
-
-def _blocks(shape: tuple[int, ...], rows: int) -> Iterator[Any]:
-    if not shape:
-        yield ()
-    elif all(shape):
-        for start in range(0, shape[0], rows):
-            yield (slice(start, min(start + rows, shape[0])),)
-
-
-def _lines(bits: npt.NDArray[Any], axis: int) -> npt.NDArray[Any]:
-    """A view (before, along, after) of `bits`, contiguous in memory."""
-    after = int(np.prod(bits.shape[axis + 1 :]))
-    return bits.reshape(-1, bits.shape[axis], after)
-
-
-def _differences(
-    values: npt.NDArray[Any], stored: np.dtype[Any], axes: tuple[int, ...]
-) -> npt.NDArray[Any]:
-    """Differences of the bit patterns along each axis in turn; integers wrap, so exact."""
-    bits = np.array(values, order="C").view(stored)
-    for axis in axes:
-        lines = _lines(bits, axis)
-        after = lines.shape[2]
-        flat = lines.reshape(len(lines), -1)  # long rows: numpy is slow on short ones
-        flat[:, after:] -= flat[:, :-after].copy()
-    return bits
-
-
-def _integrate(bits: npt.NDArray[Any], dtype: np.dtype[Any], axes: list[int]) -> npt.NDArray[Any]:
-    """Undo :func:`_differences` in place."""
-    for axis in axes:
-        lines = _lines(bits, axis)
-        if lines.shape[2] < 64:
-            np.cumsum(lines, axis=1, dtype=bits.dtype, out=lines)
-        else:  # ten times faster than a cumulative sum with a long stride
-            for index in range(1, lines.shape[1]):
-                lines[:, index] += lines[:, index - 1]
-    return bits.view(dtype)
+        write_array(group, str(index), array, report)
 
 
 # Loading ---------------------------------------------------------------------
@@ -278,6 +213,7 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     Returns
     -------
     Atlas
+        With its annotations in ``atlas.annotations``.
 
     Raises
     ------
@@ -293,7 +229,7 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     from ..atlas import REQUESTED, Atlas
 
     report = progress if progress is not None else silent()
-    with _opened(Path(path)) as root:
+    with opened(Path(path)) as root:
         summary = _root(root)
         present = [name for name in CHARTS if name in root]
         loaded: dict[str, Any] = dict.fromkeys(CHARTS)
@@ -301,14 +237,18 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
             report(index / len(present), f"reading {name}")
             loaded[name] = _read_group(root[name], report)
         check_charts(loaded)
+        state = read_annotations(root[GROUP], loaded, report) if GROUP in root else None
         asked = {name: loaded.pop(name) for name in REQUESTED}
-        return Atlas(
+        atlas = Atlas(
             **loaded,
             on_request={name: chart for name, chart in asked.items() if chart is not None},
             parameters=Parameters.from_toml(str(summary["parameters"])),
             quality=summary["quality"],
             provenance=summary["provenance"],
         )
+    if state is not None:
+        atlas.annotations.restore(state)
+    return atlas
 
 
 def load_surface(path: str | Path) -> charts.Surface:
@@ -321,7 +261,7 @@ def load_surface(path: str | Path) -> charts.Surface:
     FileFormatError
         As in :func:`load_project`.
     """
-    with _opened(Path(path)) as root:
+    with opened(Path(path)) as root:
         surface = _read_group(root["surface"], silent()) if "surface" in root else None
     if not isinstance(surface, charts.Surface):
         raise InputError(f"The project {Path(path).name!r} has no surface.")
@@ -334,20 +274,20 @@ def read_summary(path: str | Path) -> dict[str, Any]:
     Returns
     -------
     dict
-        ``schema_version``, ``parameters`` (TOML text), ``quality``, ``provenance`` and
-        ``charts`` (names).
+        ``schema_version``, ``parameters`` (TOML text), ``quality``, ``provenance``,
+        ``view`` (as it was given to :func:`save_project`) and ``charts`` (names).
 
     Raises
     ------
     FileFormatError, InputError
         As in :func:`load_project`.
     """
-    with _opened(Path(path)) as root:
+    with opened(Path(path)) as root:
         return {**_root(root), "charts": [name for name in CHARTS if name in root]}
 
 
 @contextmanager
-def _opened(path: Path) -> Iterator[zarr.Group]:
+def opened(path: Path) -> Iterator[zarr.Group]:
     """The root of a project that is safe to read; errors in the block are those of damage."""
     import zarr
     from zarr.storage import ZipStore
@@ -362,7 +302,7 @@ def _opened(path: Path) -> Iterator[zarr.Group]:
                 hint="Copy the file again if it came over a network, or make it anew with "
                 "`napari-unwrap3d run`.",
             )
-        _check(path)
+        check_project(path)
         with ZipStore(path, mode="r") as store:
             yield zarr.open_group(store, mode="r", zarr_format=3, use_consolidated=False)
     except Unwrap3DError:
@@ -374,7 +314,7 @@ def _opened(path: Path) -> Iterator[zarr.Group]:
         ) from error
 
 
-def _check(path: Path) -> None:
+def check_project(path: Path) -> None:
     """Raise unless the file is a project of a known schema that holds what it declares."""
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
@@ -420,6 +360,7 @@ def _root(root: zarr.Group) -> dict[str, Any]:
         "parameters": attributes["parameters"],
         "quality": dict(from_plain(attributes["quality"])),
         "provenance": dict(from_plain(attributes["provenance"])),
+        "view": from_plain(checked_view(attributes.get("view", {}))),
     }
 
 
@@ -431,12 +372,12 @@ def _read_group(group: Any, report: Progress) -> Any:
         if str(len(names)) in group or len(set(names)) < len(names):
             raise FileFormatError(f"The names of {group.path!r} are not those of its arrays.")
         arrays = (group[str(index)] for index in range(len(names)))
-        return {name: _read_array(array, report) for name, array in zip(names, arrays, strict=True)}
+        return {name: read_array(array, report) for name, array in zip(names, arrays, strict=True)}
     cls = TYPES[kind]
     values = {key: _restored(value) for key, value in attributes["values"].items()}
     for key in (item.name for item in fields(cls) if item.name in group):
         item = group[key]
-        read = _read_array if hasattr(item, "shape") else _read_group
+        read = read_array if hasattr(item, "shape") else _read_group
         values[key] = read(item, report)
     return cls(**values)
 
@@ -445,14 +386,3 @@ def _restored(value: Any) -> Any:
     """JSON has no tuples; charts have no lists."""
     value = from_plain(value)
     return tuple(value) if isinstance(value, list) else value
-
-
-def _read_array(array: Any, report: Progress) -> npt.NDArray[Any]:
-    axes = list(array.attrs["differences"])
-    dtype = np.dtype(str(array.attrs["dtype"]))
-    values: npt.NDArray[Any] = np.empty(array.shape, dtype)
-    for block in _blocks(array.shape, array.chunks[0] if array.ndim else 1):
-        report.check()
-        part = np.ascontiguousarray(array[block])
-        values[block] = _integrate(part, dtype, axes) if axes else part
-    return values

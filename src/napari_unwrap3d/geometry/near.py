@@ -18,6 +18,7 @@ def nearest_vertices(
     reach: float,
     margin: tuple[int, int, int],
     positions: npt.NDArray[np.floating] | None = None,
+    layers: tuple[Ints, Ints] | None = None,
     *,
     periodic: bool = False,
 ) -> npt.NDArray[np.int32]:
@@ -37,7 +38,9 @@ def nearest_vertices(
     margin : tuple of int
         How many nodes beyond the box around a face it may lie, for every axis.
     positions : ndarray, (*shape, 3), optional
-        Of the nodes in space, NaN where there is none; their indices unless given.
+        Of the nodes in space; their indices unless given.
+    layers : two ndarrays, shape[1:], optional
+        The first and the last node along the first axis that there is; all unless given.
     periodic : bool
         Whether the last axis is.
 
@@ -51,62 +54,77 @@ def nearest_vertices(
     owner, best = np.zeros(shape, np.int32), np.zeros(shape, np.float32)
     given = np.zeros((0, 0, 0, 3), np.float32) if positions is None else positions
     triangles = faces[known[faces].all(axis=1)]
-    _visit(index, vertices, triangles, reach, np.array(margin), given, periodic, owner, best)
+    first = np.zeros(shape[1:], np.int64) if layers is None else layers[0]
+    last = np.full(shape[1:], shape[0] - 1) if layers is None else layers[1]
+    bounds = np.stack([first, last], axis=-1)
+    _visit(
+        index, vertices, triangles, reach, np.array(margin), given, bounds, periodic, owner, best
+    )
     owner -= 1
     return owner
 
 
 @numba.njit(nogil=True, cache=True)
-def _visit(index, vertices, faces, reach, margin, positions, periodic, owner, best):  # type: ignore[no-untyped-def]
+def _visit(  # type: ignore[no-untyped-def]
+    index, vertices, faces, reach, margin, positions, bounds, periodic, owner, best
+):
     shape = owner.shape
     regular = positions.shape[0] == 0
     low, high = np.empty(3), np.empty(3)
     for f in range(len(faces)):
-        a, b, c = vertices[faces[f, 0]], vertices[faces[f, 1]], vertices[faces[f, 2]]
-        nz = (b[1] - a[1]) * (c[2] - a[2]) - (b[2] - a[2]) * (c[1] - a[1])
-        ny = (b[2] - a[2]) * (c[0] - a[0]) - (b[0] - a[0]) * (c[2] - a[2])
-        nx = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
-        size = np.sqrt(nz * nz + ny * ny + nx * nx)
-        if size == 0.0:
+        a, b, c = faces[f]
+        az, ay, ax = vertices[a]
+        bz, by, bx = vertices[b]
+        cz, cy, cx = vertices[c]
+        nz = (by - ay) * (cx - ax) - (bx - ax) * (cy - ay)
+        ny = (bx - ax) * (cz - az) - (bz - az) * (cx - ax)
+        nx = (bz - az) * (cy - ay) - (by - ay) * (cz - az)
+        limit = reach * np.sqrt(nz * nz + ny * ny + nx * nx)
+        if limit == 0.0:
             continue
-        _box(index, faces[f], shape, periodic, low, high)
-        first = np.ceil(low - margin).astype(np.int64)
-        last = np.floor(high + margin).astype(np.int64)
-        for i in range(max(first[0], 0), min(last[0], shape[0] - 1) + 1):
-            for j in range(max(first[1], 0), min(last[1], shape[1] - 1) + 1):
-                begin, end = first[2], last[2]
-                if not periodic:
-                    begin, end = max(begin, 0), min(end, shape[2] - 1)
-                elif end - begin >= shape[2]:
-                    begin, end = 0, shape[2] - 1
+        _box(index, a, b, c, shape, periodic, low, high)
+        first_j = max(int(np.ceil(low[1] - margin[1])), 0)
+        last_j = min(int(np.floor(high[1] + margin[1])), shape[1] - 1)
+        begin = int(np.ceil(low[2] - margin[2]))
+        end = int(np.floor(high[2] + margin[2]))
+        if not periodic:
+            begin, end = max(begin, 0), min(end, shape[2] - 1)
+        elif end - begin >= shape[2]:
+            begin, end = 0, shape[2] - 1
+        for i in range(int(np.ceil(low[0] - margin[0])), int(np.floor(high[0] + margin[0])) + 1):
+            for j in range(first_j, last_j + 1):
                 for column in range(begin, end + 1):
                     k = column % shape[2]
+                    if i < bounds[j, k, 0] or i > bounds[j, k, 1]:
+                        continue
                     z, y, x = float(i), float(j), float(k)
                     if not regular:
-                        z, y, x = (
-                            positions[i, j, k, 0],
-                            positions[i, j, k, 1],
-                            positions[i, j, k, 2],
-                        )
-                    away = (z - a[0]) * nz + (y - a[1]) * ny + (x - a[2]) * nx
-                    if not abs(away) <= reach * size:
+                        z = np.float64(positions[i, j, k, 0])
+                        y = np.float64(positions[i, j, k, 1])
+                        x = np.float64(positions[i, j, k, 2])
+                    if not abs((z - az) * nz + (y - ay) * ny + (x - ax) * nx) <= limit:
                         continue
-                    for corner in faces[f]:
-                        p, q, r = vertices[corner]
-                        squared = (z - p) ** 2 + (y - q) ** 2 + (x - r) ** 2
-                        if owner[i, j, k] == 0 or squared < best[i, j, k]:
-                            owner[i, j, k] = corner + 1
-                            best[i, j, k] = squared
+                    to_a = (z - az) ** 2 + (y - ay) ** 2 + (x - ax) ** 2
+                    to_b = (z - bz) ** 2 + (y - by) ** 2 + (x - bx) ** 2
+                    to_c = (z - cz) ** 2 + (y - cy) ** 2 + (x - cx) ** 2
+                    nearest, squared = a, to_a
+                    if to_b < squared:
+                        nearest, squared = b, to_b
+                    if to_c < squared:
+                        nearest, squared = c, to_c
+                    if owner[i, j, k] == 0 or squared < best[i, j, k]:
+                        owner[i, j, k] = nearest + 1
+                        best[i, j, k] = squared
 
 
 @numba.njit(nogil=True, cache=True)
-def _box(index, face, shape, periodic, low, high):  # type: ignore[no-untyped-def]
+def _box(index, a, b, c, shape, periodic, low, high):  # type: ignore[no-untyped-def]
     """The box around a face in indices; on a periodic axis around its first corner."""
     for axis in range(3):
-        start = index[face[0], axis]
+        start = index[a, axis]
         low[axis] = high[axis] = start
-        for k in range(1, 3):
-            value = index[face[k], axis]
+        for corner in (b, c):
+            value = index[corner, axis]
             if periodic and axis == 2:
                 value = start + (value - start + 0.5 * shape[2]) % shape[2] - 0.5 * shape[2]
             low[axis], high[axis] = min(low[axis], value), max(high[axis], value)

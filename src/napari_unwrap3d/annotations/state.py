@@ -1,0 +1,118 @@
+"""Annotations as plain data: what a project keeps, and what moves to another atlas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from .charts import nearest_corners
+from .lookup import Labels
+from .shapes import Overhang, Shape
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+    from .annotations import Annotations
+
+Colour = tuple[float, float, float, float]
+Position = tuple[float, float, float]
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What was drawn in one annotation.
+
+    Attributes
+    ----------
+    name : str
+    labels : ndarray, (n,) uint16
+        Painted, per vertex of the surface.
+    image : ndarray, (N, 2N) uint16, or None
+        Painted, per pixel of uv, where that keeps what was drawn there.
+    shapes : tuple of Shape
+    colours : mapping of int to (r, g, b, a)
+    """
+
+    name: str
+    labels: Labels
+    image: Labels | None = None
+    shapes: tuple[Shape, ...] = ()
+    colours: Mapping[int, Colour] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Everything that was drawn on a cell.
+
+    Attributes
+    ----------
+    drawn : tuple of Drawn
+    points : mapping of str to (z, y, x)
+        In µm.
+    overhang : str
+        "column" or "outermost".
+    """
+
+    drawn: tuple[Drawn, ...] = ()
+    points: Mapping[str, Position] = field(default_factory=dict)
+    overhang: Overhang = "column"
+
+
+def moved(annotations: Annotations, atlas: Atlas) -> State:
+    """What was drawn, as it is to be on another atlas of the same cell.
+
+    What was drawn stays on the surface: where its mesh is another, every vertex takes the
+    label of the nearest one. Images and shapes stay as they are on charts that are the same;
+    shapes on others become painted labels.
+    """
+    old, state = annotations.atlas, annotations.state()
+    same = {name: _same(old, atlas, name) for name in ("surface", "uv", "direct", "plane")}
+    same["volume"] = True
+    nearest = None
+    if not same["surface"]:
+        face, weights, _ = old._surface_locator.closest(atlas.surface.vertices)
+        nearest = nearest_corners(old.surface.faces, face, weights)
+    drawn = []
+    for part in state.drawn:
+        labels, image = part.labels, part.image
+        for shape in part.shapes:
+            if not same[shape.chart]:
+                labels[annotations.marked_by(shape)] = shape.label
+                image = None
+        drawn.append(
+            Drawn(
+                part.name,
+                labels if nearest is None else labels[nearest],
+                image if same["uv"] and same["surface"] else None,
+                tuple(shape for shape in part.shapes if same[shape.chart]),
+                part.colours,
+            )
+        )
+    return State(tuple(drawn), state.points, state.overhang)
+
+
+# What a chart's pixels depend on.
+PARTS: Mapping[str, tuple[tuple[str, str], ...]] = {
+    "surface": (("surface", "vertices"), ("surface", "faces")),
+    "uv": (("uv", "face"), ("topography", "surface")),
+    "direct": (("direct", "owner"),),
+    "plane": (("plane", "face"),),
+}
+
+
+def _same(old: Atlas, new: Atlas, chart: str) -> bool:
+    """Whether two atlases have the same chart, or both do not."""
+    for name, part in PARTS[chart]:
+        if old.has(name) != new.has(name):
+            return False
+        if old.has(name):
+            one, other = (_part(atlas, name, part) for atlas in (old, new))
+            if one is not other and not np.array_equal(one, other, equal_nan=True):
+                return False
+    return True
+
+
+def _part(atlas: Atlas, chart: str, part: str) -> Any:
+    return getattr(getattr(atlas, chart), part)
