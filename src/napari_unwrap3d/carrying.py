@@ -187,7 +187,7 @@ def _reader(
     if source == "topography":
         return lambda points: _sample_topography(atlas, values, points, label)
     if source == "volume":
-        return lambda points: _sample_volume(values, points, label)
+        return lambda points: sample_volume(values, points, label)
     at_places = _interpolator(getattr(atlas, source), values, kind)
     return lambda points: at_places(*_place(atlas, source, points))
 
@@ -209,7 +209,7 @@ def _place(atlas: Atlas, source: str, points: Floats) -> tuple[Any, Any]:
     return face, weights
 
 
-def _sample_volume(
+def sample_volume(
     volume: Volume, points: npt.NDArray[np.floating], label: bool
 ) -> npt.NDArray[Any]:
     """Values at points (..., 3) in µm; outside of the volume NaN, or 0 for labels."""
@@ -240,7 +240,7 @@ def _to_topography(
     chart = atlas.topography
     label = kind == "label"
     if source == "volume":
-        return np.stack([_sample_volume(values, layer, label) for layer in chart.positions])
+        return np.stack([sample_volume(values, layer, label) for layer in chart.positions])
     if source in ("uv", "reference", "sphere"):
         image = values if source == "uv" else carry(atlas, values, source, "uv", kind, progress)
         return np.broadcast_to(image, chart.shape).copy()

@@ -1,9 +1,11 @@
 """Chart → napari layers: the layer specification.
 
-Every chart of an atlas becomes layers of one viewer. A layer is written as the
-``(data, attributes, type)`` tuple that napari's readers return, so that the
-widget, the project reader and the tests share one description and nothing here
-needs a window.
+Every chart of an atlas becomes layers of one of the two canvases. A layer is written as
+the ``(data, attributes, type)`` tuple that napari's readers return, so that the widget,
+the project reader and the tests share one description and nothing here needs a window.
+
+napari's own canvas, in µm, because one layer in pixels makes napari drop the units of
+the whole viewer:
 
 ================================ ======= ============== ================================
 layer                            type    axes           placed
@@ -13,23 +15,28 @@ surface                          surface z, y, x        where the cell is
 sealed surface                   surface z, y, x        where the cell is
 sealed places                    points  z, y, x        where the cell is
 reference                        surface z, y, x        where the cell is
-sphere, sphere (conformal)       surface z, y, x        below the cell
-uv: ...                          image   v, u           right of the cell
-topographic surface              surface d, v, u        below the uv image
-topography: mask                 labels  d, v, u        below the uv image
+sphere, sphere (conformal)       surface z, y, x        right of the cell
+topographic surface              surface d, v, u        below the cell
 surface from topography          surface z, y, x        where the cell is
 ================================ ======= ============== ================================
 
-All of them are in µm, because one layer in pixels makes napari drop the units of
-the whole viewer. A pixel of the uv image therefore has the size that it has at the
-equator of a sphere with the reference's area, ``π R / N``; the unit sphere is drawn
-with the radius R; d is in µm already. ``metadata["napari_unwrap3d"]`` tells which
-chart and field a layer shows.
+The canvas of the unwrapped charts, in pixels, so that a position there is an index:
+
+================================ ======= ============== ================================
+uv, direct, plane                image   v, u           at zero
+topography                       image   d, v, u        at zero; d in layers
+================================ ======= ============== ================================
+
+In µm a pixel of the topographic surface has the size that a uv pixel has at the equator
+of a sphere with the reference's area, ``π R / N``; the unit sphere is drawn with the
+radius R; d is in µm already. ``metadata["napari_unwrap3d"]`` tells which chart and field
+a layer shows, and for a layer that is coloured by a field, on which chart its values
+are (``values_on``) and at which of that chart's vertices (``vertices``, all if missing).
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -47,7 +54,7 @@ from ..charts import (
     Topography,
     TriangleMesh,
 )
-from ..errors import ChartMissingError
+from ..fields import CURVATURE, REFERENCE_CURVATURE, colours_of
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
@@ -59,10 +66,11 @@ UNIT = "µm"
 SPACE = ("z", "y", "x")
 IMAGE = ("v", "u")
 NORMAL = ("d", "v", "u")
+PIXELS = "pixel"
 CHARTS = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
+# The charts of the second canvas.
+UNWRAPPED = ("uv", "direct", "plane", "topography")
 
-CURVATURE = "mean_curvature_per_um"
-DIVERGING = "coolwarm"
 GAP = 0.08
 OVERHANG = 0.02
 
@@ -79,8 +87,6 @@ class Layout:
         Radius of a sphere with the area of the reference.
     sphere : (float, float, float)
         Centre (z, y, x) of the sphere.
-    uv : (float, float)
-        Upper left corner (y, x) of the uv image.
     topography : (float, float, float)
         Where (d, v, u) = (0 µm, 0, 0) is put.
     """
@@ -88,7 +94,6 @@ class Layout:
     origin: Size3
     radius: float
     sphere: Size3
-    uv: tuple[float, float]
     topography: Size3
 
     @classmethod
@@ -96,18 +101,16 @@ class Layout:
         """Lay the charts out beside `box`, the (2, 3) corners (z, y, x) of the cell in µm."""
         low, high = np.asarray(box, dtype=float)
         middle = (low + high) / 2
-        height = np.pi * radius
-        gap = GAP * max(2 * height, high[2] - low[2])
-        # A thin cell may be narrower than the sphere below it.
-        left, top = max(high[2], middle[2] + radius) + gap, low[1]
-        second = top + height + gap
-        sphere_y = max(high[1] + gap + radius, second + height / 2)
+        gap = GAP * max(2 * np.pi * radius, high[2] - low[2])
+        right = high[2] + gap
+        below = max(high[1], middle[1] + radius) + gap
+        # Centred under the cell and the sphere.
+        left = (low[2] + right + 2 * radius) / 2 - np.pi * radius
         return cls(
             origin=origin,
             radius=radius,
-            sphere=(float(middle[0]), float(sphere_y), float(middle[2])),
-            uv=(float(top), float(left)),
-            topography=(float(middle[0]), float(second), float(left)),
+            sphere=(float(middle[0]), float(middle[1]), float(right + radius)),
+            topography=(float(middle[0]), float(below), float(left)),
         )
 
     @classmethod
@@ -142,23 +145,17 @@ def chart_of_step(step: str) -> str:
 
 def atlas_charts(atlas: Atlas) -> dict[str, Any]:
     """The charts that an atlas has, by name."""
-    charts = {}
-    for name in CHARTS:
-        try:
-            chart = getattr(atlas, name)
-        except ChartMissingError:
-            continue
-        if chart is not None:
-            charts[name] = chart
-    return charts
+    return {name: getattr(atlas, name) for name in CHARTS if atlas.has(name)}
 
 
-def atlas_layers(atlas: Atlas) -> list[LayerData]:
-    """All layers of an atlas, in the order in which they are added to a viewer.
+def atlas_layers(atlas: Atlas, *, unwrapped: bool = False) -> list[LayerData]:
+    """All layers of an atlas for one canvas, in the order in which they are added to it.
 
     Parameters
     ----------
     atlas : Atlas
+    unwrapped : bool
+        Those for the canvas of the unwrapped charts, not for napari's own.
 
     Returns
     -------
@@ -169,7 +166,16 @@ def atlas_layers(atlas: Atlas) -> list[LayerData]:
     layers = []
     for name in reversed(charts):
         layers += chart_layers(name, charts, layout)
-    return layers
+    return split_layers(layers)[unwrapped]
+
+
+def split_layers(layers: Iterable[LayerData]) -> tuple[list[LayerData], list[LayerData]]:
+    """Layers for napari's own canvas, and those for the canvas of the unwrapped charts."""
+    own: list[LayerData] = []
+    unwrapped: list[LayerData] = []
+    for layer in layers:
+        (unwrapped if layer[1]["metadata"][KEY]["unwrapped"] else own).append(layer)
+    return own, unwrapped
 
 
 def chart_layers(name: str, charts: Mapping[str, Any], layout: Layout) -> list[LayerData]:
@@ -198,14 +204,14 @@ def _mask(mask: Mask, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
 
 def _surface(surface: Surface, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
     attributes = _attributes("surface", "surface", SPACE, translate=layout.origin)
-    return [_mesh(surface, attributes, surface.fields.get(CURVATURE))]
+    return [_mesh(surface, attributes, surface.fields.get(CURVATURE), on="surface")]
 
 
 def _sealed(sealed: SealedSurface, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
     attributes = _attributes(
         "sealed", "sealed surface", SPACE, translate=layout.origin, visible=False
     )
-    layers = [_mesh(sealed, attributes, sealed.fields.get(CURVATURE))]
+    layers = [_mesh(sealed, attributes, sealed.fields.get(CURVATURE), on="sealed")]
     if sealed.sealed:
         layers.append(_sealed_places(sealed, layout))
     return layers
@@ -230,7 +236,7 @@ def _reference(reference: Reference, _: Mapping[str, Any], layout: Layout) -> li
     attributes = _attributes(
         "reference", "reference", SPACE, translate=layout.origin, visible=False
     )
-    return [_mesh(reference, attributes, reference.fields.get(CURVATURE))]
+    return [_mesh(reference, attributes, reference.fields.get(CURVATURE), on="reference")]
 
 
 def _sphere(sphere: Sphere, charts: Mapping[str, Any], layout: Layout) -> list[LayerData]:
@@ -243,40 +249,50 @@ def _sphere(sphere: Sphere, charts: Mapping[str, Any], layout: Layout) -> list[L
         attributes = _attributes("sphere", name, SPACE, translate=layout.sphere, visible=visible)
         attributes["scale"] = (layout.radius,) * 3
         mesh = TriangleMesh(vertices, sphere.faces, sphere.fields)
-        layers.append(_mesh(mesh, attributes, values))
+        layers.append(_mesh(mesh, attributes, values, on="sphere"))
     return layers
 
 
-UV_TITLES = {
-    "area_um2": "pixel area",
-    "area_distortion": "area distortion",
-    "conformal_error": "conformal error",
-    CURVATURE: "reference curvature",
-    "surface_height_um": "height",
-    "surface_mean_curvature_per_um": "mean curvature",
-}
+def _uv(uv: UV, charts: Mapping[str, Any], layout: Layout) -> list[LayerData]:
+    """The image of what lies outermost, or of the reference while that is not known."""
+    outermost = uv.fields.get(f"surface_{CURVATURE}")
+    if outermost is not None:
+        return [image_layer("uv", outermost, CURVATURE)]
+    values = uv.fields.get(CURVATURE, np.zeros(uv.shape))
+    return [image_layer("uv", values, REFERENCE_CURVATURE)]
 
 
-def _uv(uv: UV, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
-    known = [name for name in UV_TITLES if name in uv.fields]
-    names = [name for name in uv.fields if name not in UV_TITLES] + known
-    pixel = uv_pixel_um(uv.shape[0], layout.radius)
-    layers: list[LayerData] = []
-    for field in names:
-        title = UV_TITLES.get(field, field.replace("_", " "))
-        attributes = _attributes("uv", f"uv: {title}", IMAGE, field=field)
-        attributes |= {
-            "scale": (pixel, pixel),
-            "translate": np.add(layout.uv, pixel / 2),
-            "visible": field == names[-1],
-            # In 3D, as a volume it would be one world unit thick and blurred, and as a
-            # maximum projection what is below the contrast limits would be missing.
-            "depiction": "plane",
-            "rendering": "translucent",
-        }
-        values = np.asarray(uv.fields[field])
-        layers.append((values, attributes | _colours(field, values), "image"))
-    return layers
+def image_layer(chart: str, values: npt.ArrayLike, field: str) -> LayerData:
+    """The image of a field on an unwrapped chart, in pixels.
+
+    Parameters
+    ----------
+    chart : str
+        "uv", "direct" or "plane".
+    values : ndarray, (N, 2N)
+    field : str
+        What they are, see :mod:`napari_unwrap3d.fields`.
+    """
+    image = np.asarray(values, dtype=np.float32)
+    attributes = _attributes(chart, chart, IMAGE, field=field, unit=PIXELS)
+    attributes["metadata"][KEY]["values_on"] = chart
+    return image, attributes | _colours(field, image), "image"
+
+
+def volume_layer(values: npt.NDArray[Any]) -> LayerData:
+    """What the topography holds in (d, v, u), the cell's mask or a signal, in pixels.
+
+    Parameters
+    ----------
+    values : ndarray, (D, N, 2N)
+    """
+    attributes = _attributes("topography", "topography", NORMAL, unit=PIXELS)
+    if values.dtype == np.bool_:
+        values = values.view(np.uint8)
+        limits = (0.0, 1.0)
+    else:
+        limits = colours_of("", values).limits
+    return values, attributes | {"colormap": "gray", "contrast_limits": limits}, "image"
 
 
 def uv_pixel_um(rows: int, radius: float) -> float:
@@ -290,28 +306,23 @@ def _topography(
     _, rows, _ = topography.shape
     pixel = uv_pixel_um(rows, layout.radius)
     corner = np.add(layout.topography, (0.0, pixel / 2, pixel / 2))
-    step = float(np.diff(topography.d_um).mean()) if len(topography.d_um) > 1 else 1.0
     chart = "topography"
-
-    mask = _attributes(chart, "topography: mask", NORMAL, visible=False, opacity=0.4)
-    mask |= {
-        "scale": (step, pixel, pixel),
-        "translate": np.add(corner, (float(topography.d_um[0]), 0.0, 0.0)),
-    }
     meshed = _attributes(
         chart, "surface from topography", SPACE, translate=layout.origin, visible=False
     )
-    carried = _attributes(chart, "topographic surface", NORMAL, translate=corner)
+    carried = _attributes(chart, "topographic surface", NORMAL, translate=corner, visible=False)
     carried["scale"] = (1.0, pixel, pixel)
     surface: Surface | None = charts.get("surface")
     values = None if surface is None else surface.fields.get(CURVATURE)
     cut, kept = flat_surface(topography)
-    layers = [
-        (topography.mask.view(np.uint8), mask, "labels"),
+    vertices = topography.cut_origin[kept]
+    carried["metadata"][KEY]["vertices"] = vertices
+    flat = None if values is None else values[vertices]
+    return [
+        volume_layer(topography.mask),
         _mesh(TriangleMesh(topography.meshed_vertices, topography.meshed_faces), meshed, None),
-        _mesh(cut, carried, None if values is None else values[topography.cut_origin[kept]]),
+        _mesh(cut, carried, flat, on="surface"),
     ]
-    return layers
 
 
 def flat_surface(topography: Topography) -> tuple[TriangleMesh, npt.NDArray[np.int64]]:
@@ -360,15 +371,22 @@ def mesh_layer(surface: Surface, name: str, field: str = "") -> LayerData:
 
 
 def _attributes(
-    chart: str, name: str, axes: tuple[str, ...], *, field: str = "", **more: Any
+    chart: str,
+    name: str,
+    axes: tuple[str, ...],
+    *,
+    field: str = "",
+    unit: str = UNIT,
+    **more: Any,
 ) -> dict[str, Any]:
     """What every layer has: name, units, axis labels, and which chart it shows."""
+    known = {"layer": name, "chart": chart, "field": field, "unwrapped": unit == PIXELS}
     return {
         "name": name,
-        "units": (UNIT,) * len(axes),
+        "units": (unit,) * len(axes),
         "axis_labels": axes,
         "scale": (1.0,) * len(axes),
-        "metadata": {KEY: {"layer": name, "chart": chart, "field": field}},
+        "metadata": {KEY: known},
         **more,
     }
 
@@ -378,8 +396,13 @@ def _mesh(
     attributes: dict[str, Any],
     values: npt.NDArray[Any] | None,
     field: str = CURVATURE,
+    *,
+    on: str = "",
 ) -> LayerData:
-    """A surface layer, coloured by the values of a field where they are known."""
+    """A surface layer, coloured by the values of a field where they are known.
+
+    `on` is the chart whose vertices it has, when it is coloured with the others.
+    """
     vertices = mesh.vertices.astype(np.float32)
     faces = mesh.faces.astype(np.int32)
     attributes = {**attributes, "shading": "smooth"}
@@ -387,6 +410,8 @@ def _mesh(
         attributes["features"] = {
             name: np.asarray(column) for name, column in mesh.fields.items() if column.ndim == 1
         }
+    if on:
+        attributes["metadata"][KEY]["values_on"] = on
     if values is None:
         plain = np.ones(len(vertices), dtype=np.float32)
         grey = {"colormap": "gray", "contrast_limits": (0.0, 1.2)}
@@ -398,15 +423,6 @@ def _mesh(
 
 
 def _colours(field: str, values: npt.NDArray[Any]) -> dict[str, Any]:
-    """Colormap and contrast limits of a field, from its 1st and 99th percentile."""
-    finite = values[np.isfinite(values)].astype(float)
-    low, high = np.percentile(finite, (1, 99)) if finite.size else (0.0, 1.0)
-    if field.endswith(CURVATURE):
-        limit = max(abs(low), abs(high)) or 1.0
-        return {"colormap": DIVERGING, "contrast_limits": (-limit, limit)}
-    if field == "conformal_error":
-        return {"colormap": "magma", "contrast_limits": (1.0, max(high, 1.05))}
-    colormap = "viridis" if field == "surface_height_um" else "magma"
-    if not high > low:
-        high = low + 1.0
-    return {"colormap": colormap, "contrast_limits": (float(low), float(high))}
+    """What a layer that shows a field is coloured with."""
+    colours = colours_of(field, values)
+    return {"colormap": colours.colormap, "contrast_limits": colours.limits}

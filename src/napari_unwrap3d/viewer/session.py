@@ -17,10 +17,12 @@ from qtpy.QtCore import QEvent, QObject, QTimer, Signal
 from ..atlas import Atlas
 from ..errors import Cancelled, Unwrap3DError
 from ..parameters import Parameters
-from ..pipeline import STEP_NAMES
+from ..pipeline import STEP_NAMES, Source
+from .canvas import canvas_of, open_canvas
 from .computing import Computation, Known, Outcome
-from .layers import LayerData
+from .layers import LayerData, split_layers
 from .placing import chart_of, placing, remove_charts
+from .showing import fit_visible, show_charts_only
 from .sources import layer_box, layer_source, layer_voxel_size, set_voxel_size
 from .threads import tell
 
@@ -98,6 +100,11 @@ class Session(QObject):
     # Running -----------------------------------------------------------------
 
     @property
+    def source(self) -> Source | None:
+        """The stack, mask or mesh of the last run."""
+        return None if self._known is None else self._known.pipeline.source
+
+    @property
     def running(self) -> bool:
         return self._computation is not None
 
@@ -167,14 +174,18 @@ class Session(QObject):
         return super().eventFilter(watched, event)
 
     def _has_charts(self) -> bool:
+        return any(chart_of(layer) for each in self._viewers() for layer in each.layers)
+
+    def _viewers(self) -> list[Any]:
+        """The viewer, and its second canvas if it is open."""
         viewer = self._viewer()
-        return viewer is not None and any(chart_of(layer) for layer in viewer.layers)
+        canvas = None if viewer is None else open_canvas(viewer)
+        return [] if viewer is None else [viewer] if canvas is None else [viewer, canvas.model]
 
     def _forget_removed(self) -> None:
         """Charts whose layers the user removed are shown again by the next run."""
-        viewer = self._viewer()
-        if self._known is not None and viewer is not None:
-            present = {chart_of(layer) for layer in viewer.layers}
+        if self._known is not None:
+            present = {chart_of(layer) for each in self._viewers() for layer in each.layers}
             self._known.shown = {
                 name: chart for name, chart in self._known.shown.items() if name in present
             }
@@ -197,9 +208,8 @@ class Session(QObject):
 
     def _on_source(self, known: Known) -> None:
         """The run is about another cell: nothing of the last one stays."""
-        viewer = self._viewer()
-        if viewer is not None:
-            remove_charts(viewer)
+        for each in self._viewers():
+            remove_charts(each)
         self._known = known
         self.atlas = None
         self.steps = {name: StepState() for name in STEP_NAMES}
@@ -219,11 +229,15 @@ class Session(QObject):
         viewer = self._viewer()
         if viewer is None or self._closed:
             return
-        yield from placing(viewer, layers)
+        own, unwrapped = split_layers(layers)
+        yield from placing(viewer, own)
+        if unwrapped:
+            yield from canvas_of(viewer).place(unwrapped)
         if self._turn_to_3d:
             self._turn_to_3d = False
             viewer.dims.ndisplay = 3
             viewer.reset_view()
+            show_charts_only(viewer)
 
     def _on_ended(self, outcome: Outcome) -> None:
         self._later(self._end(outcome))
@@ -245,7 +259,7 @@ class Session(QObject):
         self._update_states()
         viewer = self._viewer()
         if self._fit_at_end and viewer is not None:
-            viewer.reset_view()
+            fit_visible(viewer)
         self.finished.emit(atlas)
 
     def _fail(self, error: BaseException) -> None:

@@ -1,0 +1,477 @@
+"""The second canvas of a viewer: the unwrapped charts, in pixels, beside the 3D view.
+
+It is a viewer of its own in a dock of the window. Each chart has its own zoom and its own
+layers; those of the other charts are hidden, also in the list.
+"""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.components import ViewerModel
+from napari.qt import QtViewer
+from qtpy.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from qtpy.QtWidgets import (
+    QButtonGroup,
+    QDockWidget,
+    QHBoxLayout,
+    QLabel,
+    QPushButton,
+    QSplitter,
+    QStackedWidget,
+    QVBoxLayout,
+    QWidget,
+)
+
+from .layers import UNWRAPPED, LayerData
+from .notice import Notice, small_button
+from .placing import chart_of, placing
+from .threads import Task
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+    from ..atlas import Atlas
+    from .session import Session
+
+DOCK_NAME = "Unwrapped"
+TITLES = {"uv": "uv", "direct": "Direct", "plane": "Plane", "topography": "Topography"}
+MEANINGS = {
+    "uv": "The surface unwrapped through the reference: what lies outermost over each (v, u).",
+    "direct": "The surface unwrapped one to one: everything is seen, also under overhangs.",
+    "plane": "The topographic surface flattened to (u, v): everything is seen, one to one.",
+    "topography": "The space above and below the reference, slice by slice: (d, v, u).",
+}
+ON_REQUEST = ("direct", "plane")
+SHARE_OF_HEIGHT = 0.5
+MARGIN = 0.02
+MINIMUM_WIDTH = 420
+
+HELP = """<b>This canvas</b> (the unwrapped cell; v goes down, u to the right)<br>
+left drag: move &nbsp; wheel or right drag: zoom<br>
+Ctrl+R (⌘R): whole image &nbsp; V: hide or show the selected layer<br>
+← →: depth, in the topography<br>
+pointer: the same place is marked in 3D, and its numbers stand below<br><br>
+<b>3D canvas</b> (the cell, in µm)<br>
+left drag: turn &nbsp; Shift + left drag: move &nbsp; wheel or right drag: zoom<br>
+Ctrl+Y (⌘Y): slices or 3D &nbsp; Ctrl+R (⌘R): everything<br>
+pointer over the surface: the same place is marked here"""
+
+
+@dataclass
+class _ChartView:
+    """What a chart looked like when it was shown last."""
+
+    camera: tuple[float, ...] = ()
+    fitted: tuple[float, ...] = ()
+    active: Any = None
+
+
+@dataclass(eq=False)
+class _ChartLayer:
+    """The chart a layer belongs to, and whether it is visible when that is shown."""
+
+    chart: str
+    visible: bool
+
+
+@dataclass
+class _Shown:
+    """What is shown, and how."""
+
+    chart: str = "uv"
+    views: dict[str, _ChartView] = field(
+        default_factory=lambda: {chart: _ChartView() for chart in UNWRAPPED}
+    )
+
+
+class UnwrappedCanvas(QWidget):
+    """The canvas of the unwrapped charts. Get it with :func:`canvas_of`.
+
+    Attributes
+    ----------
+    model : napari.components.ViewerModel
+        Its layers and camera. World coordinates are indices: (v, u), or (d, v, u) with d
+        counted in layers.
+    qt_viewer : napari.qt.QtViewer
+    colouring : Colouring
+        The field that colours every view.
+    cursor : LinkedCursor
+        The place under the pointer, in every view.
+
+    Signals
+    -------
+    chart_changed(str)
+        Another chart is shown.
+    charts_changed()
+        A chart was computed on request.
+    """
+
+    chart_changed = Signal(str)
+    charts_changed = Signal()
+
+    def __init__(self, viewer: Any, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.session = session
+        self.model = ViewerModel(title=DOCK_NAME)
+        self.qt_viewer = QtViewer(self.model)
+        # napari makes these when they are first read, which must be before there are layers.
+        self.controls, self.layer_list = self.qt_viewer.controls, self.qt_viewer.layers
+        self._shown = _Shown()
+        self._layers: weakref.WeakKeyDictionary[Layer, _ChartLayer] = weakref.WeakKeyDictionary()
+        self._refused: dict[str, str] = {}
+        self._task: Task | None = None
+        self._computing = ""
+        self._closed = False
+        self._build(viewer)
+        self._connect()
+        self._update()
+
+    # Building ------------------------------------------------------------------
+
+    def _build(self, viewer: Any) -> None:
+        from .colouring import Colouring, ColouringBar
+        from .depth import DepthBar
+        from .linking import LinkedCursor
+
+        self.qt_viewer.canvas.native.setMinimumSize(160, 80)
+        self.qt_viewer.dims.hide()
+        self.colouring = Colouring(viewer, self)
+        self.colour_bar = ColouringBar(self.colouring)
+        self.depth_bar = DepthBar(self)
+        self.notice = Notice()
+        self.status = QLabel()
+        self.status.setObjectName("unwrappedStatus")
+        self.status.setMinimumWidth(1)
+        self.setMinimumWidth(MINIMUM_WIDTH)
+        self.status.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.pages = QStackedWidget()
+        self.pages.addWidget(self.qt_viewer)
+        self.pages.addWidget(self.notice)
+        self.tools = self._tools()
+        splitter = QSplitter(Qt.Orientation.Horizontal)
+        splitter.addWidget(self.tools)
+        splitter.addWidget(self.pages)
+        splitter.setStretchFactor(1, 1)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(4, 2, 4, 2)
+        column.setSpacing(2)
+        column.addLayout(self._header())
+        column.addWidget(self.colour_bar)
+        column.addWidget(self.depth_bar)
+        column.addWidget(splitter, 1)
+        column.addWidget(self.status)
+        self.cursor = LinkedCursor(viewer, self)
+
+    def _header(self) -> QHBoxLayout:
+        row = QHBoxLayout()
+        row.setSpacing(2)
+        self.chart_buttons: dict[str, QPushButton] = {}
+        group = QButtonGroup(self)
+        for chart in UNWRAPPED:
+            button = small_button(TITLES[chart], MEANINGS[chart], checkable=True)
+            group.addButton(button)
+            button.clicked.connect(lambda _=False, chart=chart: self.show_chart(chart))
+            row.addWidget(button)
+            self.chart_buttons[chart] = button
+        row.addStretch(1)
+        self.tools_button = small_button(
+            "Layers", "The layers of this chart, and how they are drawn.", checkable=True
+        )
+        self.tools_button.toggled.connect(self.tools.setVisible)
+        self.fit_button = small_button("Fit", "Show the whole image.")
+        self.fit_button.clicked.connect(self.fit)
+        self.help_button = small_button("?", HELP)
+        self.help_button.clicked.connect(self.show_help)
+        for button in (self.tools_button, self.fit_button, self.help_button):
+            row.addWidget(button)
+        return row
+
+    def _tools(self) -> QWidget:
+        tools = QSplitter(Qt.Orientation.Vertical)
+        tools.addWidget(self.controls)
+        tools.addWidget(self.layer_list)
+        tools.setVisible(False)
+        return tools
+
+    def _connect(self) -> None:
+        self.session.finished.connect(self._on_atlas)
+        self.session.steps_changed.connect(self._update)
+        layers = self.model.layers.events
+        layers.inserted.connect(self._on_inserted)
+        for event in (layers.inserted, layers.removed, layers.reordered):
+            event.connect(self._list_later)
+        self.model.canvas.events.size.connect(self._on_resized)
+        self.notice.pressed.connect(self._on_notice)
+        self._list_timer = QTimer(self)
+        self._list_timer.setSingleShot(True)
+        self._list_timer.setInterval(0)
+        self._list_timer.timeout.connect(self._update_list)
+
+    # The chart ------------------------------------------------------------------
+
+    @property
+    def chart(self) -> str:
+        """The chart that is shown: "uv", "direct", "plane" or "topography"."""
+        return self._shown.chart
+
+    @property
+    def atlas(self) -> Atlas | None:
+        return self.session.atlas
+
+    def show_chart(self, chart: str) -> None:
+        """Show another chart, as it was left; one that is not there offers to be computed."""
+        if chart not in UNWRAPPED:
+            raise ValueError(f"There is no chart {chart!r} here: {UNWRAPPED}")
+        if chart != self.chart:
+            self._leave()
+            self._shown.chart = chart
+            self._enter()
+        self._update()
+
+    def _leave(self) -> None:
+        view = self._view
+        view.active = self.model.layers.selection.active
+        view.camera = view.fitted if self._is_fitted() else self._camera()
+        for layer in self._of_chart():
+            self._layers[layer].visible = layer.visible
+
+    def _enter(self) -> None:
+        for layer, known in list(self._layers.items()):
+            layer.visible = known.chart == self.chart and known.visible
+        here = self._of_chart()
+        view = self._view
+        active = view.active if view.active in here else (here[0] if here else None)
+        self.model.layers.selection.active = active
+        if view.camera == view.fitted:
+            self.fit()
+        else:
+            *center, zoom = view.camera
+            self.model.scene.camera.center, self.model.scene.camera.zoom = tuple(center), zoom
+        self._list_later()
+        self.chart_changed.emit(self.chart)
+
+    @property
+    def _view(self) -> _ChartView:
+        return self._shown.views[self.chart]
+
+    def _of_chart(self) -> list[Layer]:
+        """The layers of the chart that is shown, the lowest first."""
+        return [
+            layer
+            for layer in self.model.layers
+            if layer in self._layers and self._layers[layer].chart == self.chart
+        ]
+
+    # Layers ---------------------------------------------------------------------
+
+    def add_chart_layer(self, layer: Layer, chart: str) -> Layer:
+        """Add a layer that is visible only while its chart is shown.
+
+        Parameters
+        ----------
+        layer : napari Layer
+            In pixels: (v, u), or (d layer, v, u) for the topography.
+        chart : str
+            One of the charts of this canvas.
+        """
+        self._layers[layer] = _ChartLayer(chart, layer.visible)
+        self.model.add_layer(layer)
+        return layer
+
+    def image(self, chart: str) -> Layer | None:
+        """The image of a chart itself, None before it is there."""
+        return next((layer for layer in self.model.layers if chart_of(layer) == chart), None)
+
+    def place(self, layers: Iterable[LayerData]) -> Iterator[None]:
+        """Show the images of charts in place of the old ones, one per step."""
+        yield from placing(self.model, list(layers))
+        self._update()
+
+    def show_tools(self, shown: bool = True) -> None:
+        """Show the list and the controls of the layers beside the image."""
+        self.tools_button.setChecked(shown)
+
+    def _on_inserted(self, event: Any) -> None:
+        layer = event.value
+        chart = chart_of(layer)
+        if layer not in self._layers and chart in UNWRAPPED:
+            self._layers[layer] = _ChartLayer(chart, layer.visible)
+        if layer in self._layers and self._layers[layer].chart != self.chart:
+            layer.visible = False
+        elif self._is_fitted():
+            self.fit()
+
+    def _list_later(self, _: Any = None) -> None:
+        self._list_timer.start()
+
+    def _update_list(self) -> None:
+        """Hide the rows of the other charts' layers; the list is upside down."""
+        for row, layer in enumerate(reversed(self.model.layers)):
+            known = self._layers.get(layer)
+            hidden = known is not None and known.chart != self.chart
+            self.layer_list.setRowHidden(row, hidden)
+
+    # The view -------------------------------------------------------------------
+
+    def fit(self) -> None:
+        """Show the whole image, and keep doing so while the window changes its size."""
+        shown = [layer for layer in self._of_chart() if chart_of(layer)]
+        if shown:
+            self.model.fit_to_view(layers=shown, margin=MARGIN)
+        self._view.fitted = self._camera()
+
+    def _camera(self) -> tuple[float, ...]:
+        """Centre and zoom."""
+        camera = self.model.scene.camera
+        return (*(float(x) for x in camera.center[-2:]), float(camera.zoom))
+
+    def _is_fitted(self) -> bool:
+        """Whether the user has left the view as it was fitted."""
+        fitted = self._view.fitted
+        return not fitted or np.allclose(fitted, self._camera(), rtol=1e-4, atol=1e-3)
+
+    def _on_resized(self, _: Any = None) -> None:
+        if self._is_fitted():
+            self.fit()
+
+    def show_help(self) -> None:
+        """Say which buttons and keys do what."""
+        from qtpy.QtWidgets import QToolTip
+
+        below = self.help_button.mapToGlobal(self.help_button.rect().bottomLeft())
+        QToolTip.showText(below, HELP, self.help_button)
+
+    # Charts on request ----------------------------------------------------------
+
+    def compute(self, chart: str) -> None:
+        """Compute direct or plane in a thread; it is shown when it is done."""
+        atlas = self.atlas
+        if atlas is None or self._task is not None:
+            return
+        self._computing = chart
+        self._task = Task(getattr, atlas, chart)
+        self._task.returned.connect(self._on_computed)
+        self._task.failed.connect(self._on_not_computed)
+        self._task.start()
+        self._update()
+
+    def _on_computed(self, _: Any) -> None:
+        self._task, self._computing = None, ""
+        self.charts_changed.emit()
+        self._update()
+
+    def _on_not_computed(self, error: BaseException) -> None:
+        self._refused[self._computing] = str(error)
+        self._task, self._computing = None, ""
+        self._update()
+
+    def _on_notice(self, chart: str) -> None:
+        if chart in self._refused:
+            self.show_chart("direct")
+        else:
+            self.compute(chart)
+
+    def _on_atlas(self, _: Any) -> None:
+        self._refused.clear()
+        self.charts_changed.emit()
+        self._update()
+
+    def _update(self) -> None:
+        """Show the chart, or why it is not there."""
+        if self._closed:
+            return
+        self.chart_buttons[self.chart].setChecked(True)
+        self.depth_bar.setVisible(self.chart == "topography")
+        there = self.image(self.chart) is not None
+        self.pages.setCurrentIndex(0 if there else 1)
+        self.fit_button.setEnabled(there)
+        if not there:
+            self._explain()
+
+    def _explain(self) -> None:
+        chart, atlas = self.chart, self.atlas
+        if chart in ON_REQUEST and chart in self._refused:
+            refused = "" if chart == "direct" else "Show the direct chart"
+            self.notice.say(self._refused[chart], refused, chart)
+        elif chart == self._computing:
+            self.notice.wait(f"Computing the {chart} chart …")
+        elif chart in ON_REQUEST and atlas is not None and atlas.has("topography"):
+            if atlas.has(chart):
+                self.notice.wait("Drawing …")
+            else:
+                self.notice.say(f"{MEANINGS[chart]}\nIt takes a while.", "Compute", chart)
+        else:
+            self.notice.say(f"{MEANINGS[chart]}\nIt appears when its step has run.", "", chart)
+
+    # The end ----------------------------------------------------------------------
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The window closes: napari must find no viewer left."""
+        if event.type() == QEvent.Type.Close:
+            self.close_canvas()
+        return super().eventFilter(watched, event)
+
+    def close_canvas(self) -> None:
+        """Take the second viewer apart."""
+        if self._closed:
+            return
+        self._closed = True
+        self._list_timer.stop()
+        self.session.finished.disconnect(self._on_atlas)
+        self.session.steps_changed.disconnect(self._update)
+        self.cursor.close()
+        self.colouring.close()
+        self.depth_bar.close_bar()
+        self.model.layers.clear()
+        self.qt_viewer.close()
+        self.qt_viewer.deleteLater()
+
+
+_CANVASES: weakref.WeakKeyDictionary[Any, UnwrappedCanvas] = weakref.WeakKeyDictionary()
+
+
+def open_canvas(viewer: Any) -> UnwrappedCanvas | None:
+    """The second canvas of a viewer, None while it has none."""
+    return _CANVASES.get(getattr(viewer, "__wrapped__", viewer))
+
+
+def canvas_of(viewer: Any) -> UnwrappedCanvas:
+    """The second canvas of a viewer; opened when it is first asked for.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+        Or the proxy of it that napari hands to plugins.
+    """
+    from .session import session_of
+    from .showing import add_shown_bar
+
+    viewer = getattr(viewer, "__wrapped__", viewer)
+    canvas = _CANVASES.get(viewer)
+    if canvas is None:
+        canvas = _CANVASES[viewer] = UnwrappedCanvas(viewer, session_of(viewer))
+        _dock(viewer, canvas)
+        add_shown_bar(viewer)
+    return canvas
+
+
+def _dock(viewer: Any, canvas: UnwrappedCanvas) -> None:
+    window = viewer.window._qt_window
+    # The wizard and the layer list keep their full height.
+    window.setCorner(Qt.Corner.BottomLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
+    window.setCorner(Qt.Corner.BottomRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
+    window.setCorner(Qt.Corner.TopLeftCorner, Qt.DockWidgetArea.LeftDockWidgetArea)
+    window.setCorner(Qt.Corner.TopRightCorner, Qt.DockWidgetArea.RightDockWidgetArea)
+    dock = viewer.window.add_dock_widget(
+        canvas, name=DOCK_NAME, area="bottom", allowed_areas=["bottom"]
+    )
+    # Undocked it would lose its OpenGL context; napari's title bar offers just that.
+    dock.setFeatures(QDockWidget.DockWidgetFeature.NoDockWidgetFeatures)
+    dock.setTitleBarWidget(QWidget())
+    window.installEventFilter(canvas)
+    window.resizeDocks([dock], [round(SHARE_OF_HEIGHT * window.height())], Qt.Orientation.Vertical)

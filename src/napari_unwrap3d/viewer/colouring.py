@@ -1,0 +1,410 @@
+"""One field, colormap and limits for every view of a cell."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from napari.utils.colormaps import AVAILABLE_COLORMAPS, ensure_colormap
+from qtpy.QtCore import QObject, QSize, Qt, Signal
+from qtpy.QtGui import QIcon, QImage, QPixmap
+from qtpy.QtWidgets import (
+    QComboBox,
+    QDoubleSpinBox,
+    QHBoxLayout,
+    QLabel,
+    QWidget,
+)
+
+from ..charts import Stack
+from ..errors import ChartMissingError
+from ..fields import CURVATURE, Colours, Fields, fields_of
+from .layers import KEY, image_layer
+from .notice import small_button
+from .threads import Task, tell
+from .turns import Turns
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+    from ..atlas import Atlas
+    from .canvas import UnwrappedCanvas
+
+COLORMAPS = ("coolwarm", "viridis", "magma", "gray", "inferno", "plasma", "turbo", "PiYG")
+IMAGES = ("uv", "direct", "plane")
+BAR = (96, 12)
+ICON = QSize(40, 12)
+
+
+class Colouring(QObject):
+    """The field that colours every view of a viewer, and how.
+
+    Attributes
+    ----------
+    field : str
+        Name of the field that is shown, see :mod:`napari_unwrap3d.fields`.
+    colormap : napari.utils.Colormap
+    limits : (float, float)
+    fields : Fields or None
+        The catalogue of the atlas that is shown; None before there is one.
+
+    Signals
+    -------
+    changed()
+        The field, its values, the colormap or the limits.
+    listed()
+        There are other fields to choose from.
+    working(bool)
+        Values are being computed.
+    """
+
+    changed = Signal()
+    listed = Signal()
+    working = Signal(bool)
+
+    def __init__(self, viewer: Any, canvas: UnwrappedCanvas) -> None:
+        super().__init__(canvas)
+        self._viewers: tuple[Any, ...] = (viewer, canvas.model)
+        self._canvas = canvas
+        self.fields: Fields | None = None
+        self.field = CURVATURE
+        self.colormap = ensure_colormap("coolwarm")
+        self.limits = (-1.0, 1.0)
+        # What the user chose for a field is there again when the field is.
+        self._chosen: dict[str, tuple[Any, tuple[float, float]]] = {}
+        self._wanted = ""
+        self._task: Task | None = None
+        self._turns = Turns(self)
+        self._setting = False
+        self._linked: list[Layer] = []
+        canvas.session.finished.connect(self._on_atlas)
+        canvas.charts_changed.connect(self.refresh)
+        for each in self._viewers:
+            each.layers.events.inserted.connect(self._on_inserted)
+            each.layers.events.removed.connect(self._on_removed)
+            for layer in each.layers:
+                self._link(layer)
+
+    # What is shown --------------------------------------------------------------
+
+    def set_field(self, name: str) -> None:
+        """Colour every view by another field; one that takes time appears when it is there."""
+        if self.fields is None:
+            return
+        self.fields.field(name)
+        self._wanted = name
+        self._compute()
+
+    def set_colormap(self, colormap: Any) -> None:
+        """Draw the field with another colormap (its name, or one of napari's) everywhere."""
+        self.colormap = ensure_colormap(colormap)
+        self._recolour()
+
+    def set_limits(self, low: float, high: float) -> None:
+        """Draw the field between other values everywhere."""
+        if high > low:
+            self.limits = (float(low), float(high))
+            self._recolour()
+
+    def reset(self) -> None:
+        """Back to the field's own colormap and limits."""
+        if self.fields is not None and self.fields.known(self.field, "surface"):
+            self._take(self.fields.colours(self.field))
+            self._recolour()
+
+    def values(self, chart: str) -> npt.NDArray[np.float32] | None:
+        """Values of the field on a chart; None where they are not there (yet)."""
+        if self.fields is None or not self.fields.known(self.field, chart):
+            return None
+        return self.fields.values(self.field, chart)
+
+    def refresh(self) -> None:
+        """Colour what is new: charts computed on request, layers put in again."""
+        if self.fields is not None:
+            self._wanted = self._wanted or self.field
+            self._compute()
+
+    def _take(self, colours: Colours) -> None:
+        self.colormap, self.limits = ensure_colormap(colours.colormap), colours.limits
+
+    # Values come from a thread --------------------------------------------------
+
+    def _on_atlas(self, atlas: Atlas) -> None:
+        source = self._canvas.session.source
+        self.fields = fields_of(atlas, source if isinstance(source, Stack) else None)
+        self._wanted = self.field if self.field in self.fields.names else CURVATURE
+        if self._wanted not in self.fields.names:
+            self._wanted = self.fields.names[0] if self.fields.names else ""
+        self.listed.emit()
+        if self._wanted:
+            self._compute()
+
+    def _compute(self) -> None:
+        """Values of the wanted field on every chart that is there, then :meth:`_show`."""
+        if self._task is not None or self.fields is None:
+            return
+        name, fields = self._wanted, self.fields
+        self._task = Task(_values_everywhere, fields, name)
+        self._task.returned.connect(self._on_values)
+        self._task.failed.connect(self._on_failed)
+        self._task.start()
+        self.working.emit(True)
+
+    def _on_values(self, computed: tuple[Fields, str]) -> None:
+        self._task = None
+        self.working.emit(False)
+        if self.fields is None or computed != (self.fields, self._wanted):
+            self._compute()
+            return
+        self.field = self._wanted
+        chosen = self._chosen.get(self.field)
+        if chosen is None:
+            self._take(self.fields.colours(self.field))
+        else:
+            self.colormap, self.limits = chosen
+        self._turns.clear()
+        self._turns.add(self._show())
+
+    def _on_failed(self, error: BaseException) -> None:
+        self._task = None
+        self._wanted = self.field
+        self.working.emit(False)
+        self.listed.emit()
+        tell(error)
+
+    # Layers ---------------------------------------------------------------------
+
+    def _show(self) -> Iterator[None]:
+        """Bring every view to the field, one layer per turn of the event loop."""
+        for chart in IMAGES:
+            values, image = self.values(chart), self._canvas.image(chart)
+            if values is not None and image is None:
+                yield from self._canvas.place([image_layer(chart, values, self.field)])
+            elif values is not None and image is not None and image.data is not values:
+                image.data = values
+                image.metadata[KEY]["field"] = self.field
+                self._paint(image)
+                yield
+        # What is seen first comes first.
+        for layer in sorted(self._linked, key=lambda layer: not layer.visible):
+            if self._colour_mesh(layer):
+                self._paint(layer)
+                yield
+        self._recolour()
+
+    def _colour_mesh(self, layer: Layer) -> bool:
+        """Give a mesh its values; False where there was nothing to do."""
+        known = layer.metadata.get(KEY, {})
+        values = self.values(known.get("values_on", ""))
+        known["field"] = self.field
+        if values is None or type(layer).__name__ != "Surface":
+            return False
+        if "vertices" in known:
+            values = values[known["vertices"]]
+        shown = np.nan_to_num(values)
+        if len(shown) != len(layer.data[0]) or np.array_equal(shown, layer.vertex_values):
+            return False
+        layer.vertex_values = shown
+        return True
+
+    def _recolour(self) -> None:
+        """Give every linked layer the colormap and the limits."""
+        self._chosen[self.field] = (self.colormap, self.limits)
+        for layer in self._linked:
+            self._paint(layer)
+        self.changed.emit()
+
+    def _paint(self, layer: Layer) -> None:
+        """Give a layer the colormap and the limits."""
+        self._setting = True
+        if layer.colormap != self.colormap:
+            layer.colormap = self.colormap
+        if tuple(layer.contrast_limits) != self.limits:
+            # The range of napari's slider: twice as far as the limits.
+            low, high = self.limits
+            half = (high - low) / 2
+            layer.contrast_limits_range = (low - half, high + half)
+            layer.contrast_limits = self.limits
+        self._setting = False
+
+    def _link(self, layer: Layer) -> None:
+        if layer.metadata.get(KEY, {}).get("values_on") and layer not in self._linked:
+            self._linked.append(layer)
+            layer.events.colormap.connect(self._on_colormap)
+            layer.events.contrast_limits.connect(self._on_limits)
+
+    def _on_inserted(self, event: Any) -> None:
+        self._link(event.value)
+
+    def _on_removed(self, event: Any) -> None:
+        layer = event.value
+        if layer in self._linked:
+            self._linked.remove(layer)
+            layer.events.colormap.disconnect(self._on_colormap)
+            layer.events.contrast_limits.disconnect(self._on_limits)
+
+    def _on_colormap(self, event: Any) -> None:
+        """The user chose it in napari's own controls."""
+        if self._follows(event.source):
+            self.set_colormap(event.source.colormap)
+
+    def _on_limits(self, event: Any) -> None:
+        if self._follows(event.source):
+            self.set_limits(*event.source.contrast_limits)
+
+    def _follows(self, layer: Layer) -> bool:
+        """Whether a change of a layer is the user's, of the field that is shown."""
+        return (
+            not self._setting
+            and self.fields is not None
+            and layer.metadata.get(KEY, {}).get("field") == self.field
+        )
+
+    def close(self) -> None:
+        """Listen no longer."""
+        self._turns.clear()
+        self._canvas.session.finished.disconnect(self._on_atlas)
+        for each in self._viewers:
+            each.layers.events.inserted.disconnect(self._on_inserted)
+            each.layers.events.removed.disconnect(self._on_removed)
+        self._viewers = ()
+        self._linked.clear()
+
+
+def _values_everywhere(fields: Fields, name: str) -> tuple[Fields, str]:
+    """Compute a field on every chart of its atlas; runs in a thread."""
+    atlas = fields.atlas
+    for chart in ("surface", "sealed", "uv", "direct", "plane", "reference", "sphere"):
+        if atlas.has(chart):
+            fields.values(name, chart)
+    return fields, name
+
+
+class ColouringBar(QWidget):
+    """Colour by …: the field, its colormap and its limits, with a colour bar.
+
+    Parameters
+    ----------
+    colouring : Colouring
+    """
+
+    def __init__(self, colouring: Colouring, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.colouring = colouring
+        self._build()
+        self.field_box.activated.connect(self._on_field)
+        self.colormap_box.activated.connect(self._on_colormap)
+        self.low.valueChanged.connect(self._on_limits)
+        self.high.valueChanged.connect(self._on_limits)
+        self.reset_button.clicked.connect(colouring.reset)
+        colouring.listed.connect(self._list)
+        colouring.changed.connect(self._update)
+        colouring.working.connect(self._on_working)
+        self._list()
+        self._update()
+
+    def _build(self) -> None:
+        self.field_box = QComboBox()
+        self.field_box.setToolTip("Colours the 3D view and this one alike.")
+        self.field_box.setMinimumContentsLength(16)
+        self.colormap_box = QComboBox()
+        self.colormap_box.setToolTip("Colormap of every view.")
+        self.colormap_box.setIconSize(ICON)
+        self.colormap_box.setMinimumContentsLength(6)
+        for name in COLORMAPS:
+            if name in AVAILABLE_COLORMAPS or name == "coolwarm":
+                self.colormap_box.addItem(QIcon(_gradient(name, ICON.width())), name)
+        self.low, self.high = _limit_box("Lower limit."), _limit_box("Upper limit.")
+        self.bar = QLabel()
+        self.bar.setFixedSize(*BAR)
+        self.bar.setScaledContents(True)
+        self.unit = QLabel()
+        self.reset_button = small_button("↺", "Back to this field's own colormap and limits.")
+        self.busy = QLabel("")
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.setSpacing(4)
+        row.addWidget(QLabel("Colour by"))
+        for widget in (
+            self.field_box,
+            self.colormap_box,
+            self.low,
+            self.bar,
+            self.high,
+            self.unit,
+            self.reset_button,
+            self.busy,
+        ):
+            row.addWidget(widget)
+        row.addStretch(1)
+
+    def _list(self) -> None:
+        fields = self.colouring.fields
+        self.field_box.clear()
+        if fields is not None:
+            for name in fields.names:
+                self.field_box.addItem(fields.field(name).title, name)
+        self.setEnabled(fields is not None)
+        self._update()
+
+    def _update(self) -> None:
+        colouring = self.colouring
+        self.field_box.setCurrentIndex(self.field_box.findData(colouring.field))
+        name = colouring.colormap.name
+        if self.colormap_box.findText(name) < 0:
+            self.colormap_box.addItem(QIcon(_gradient(name, ICON.width())), name)
+        self.colormap_box.setCurrentText(name)
+        low, high = colouring.limits
+        for box, value in ((self.low, low), (self.high, high)):
+            box.blockSignals(True)
+            box.setSingleStep((high - low) / 50)
+            box.setDecimals(_decimals(high - low))
+            if abs(box.value() - value) > 0.5 * 10.0 ** -box.decimals():
+                box.setValue(value)
+            box.blockSignals(False)
+        self.bar.setPixmap(_gradient(colouring.colormap, BAR[0]))
+        fields = colouring.fields
+        known = fields is not None and colouring.field in fields.names
+        unit = fields.field(colouring.field).unit if fields is not None and known else ""
+        self.unit.setText(unit)
+
+    def _on_field(self, index: int) -> None:
+        try:
+            self.colouring.set_field(self.field_box.itemData(index))
+        except ChartMissingError as error:
+            tell(error)
+
+    def _on_colormap(self, index: int) -> None:
+        self.colouring.set_colormap(self.colormap_box.itemText(index))
+
+    def _on_limits(self, _: float) -> None:
+        self.colouring.set_limits(self.low.value(), self.high.value())
+
+    def _on_working(self, working: bool) -> None:
+        self.busy.setText("computing …" if working else "")
+
+
+def _limit_box(tip: str) -> QDoubleSpinBox:
+    box = QDoubleSpinBox()
+    box.setRange(-1e9, 1e9)
+    box.setToolTip(tip)
+    box.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
+    box.setKeyboardTracking(False)
+    box.setFixedWidth(56)
+    box.setAlignment(Qt.AlignmentFlag.AlignRight)
+    return box
+
+
+def _decimals(width: float) -> int:
+    """Digits after the point that tell a hundredth of the limits' distance apart."""
+    return int(np.clip(np.ceil(2 - np.log10(max(width, 1e-9))), 0, 6))
+
+
+def _gradient(colormap: Any, width: int) -> QPixmap:
+    """A colormap as a picture, from its lower end to its upper."""
+    colours = ensure_colormap(colormap).map(np.linspace(0.0, 1.0, width))
+    row = np.ascontiguousarray((255 * colours).astype(np.uint8))[None]
+    image = QImage(row.tobytes(), width, 1, 4 * width, QImage.Format.Format_RGBA8888)
+    return QPixmap.fromImage(image.copy()).scaled(width, BAR[1])

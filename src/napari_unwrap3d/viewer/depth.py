@@ -1,0 +1,219 @@
+"""What the topography shows: its content, and a slice or a projection over depths."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSlider, QStackedWidget, QWidget
+from superqt import QRangeSlider
+
+from ..charts import Stack
+from ..fields import channel_titles, topography_signal
+from .layers import volume_layer
+from .threads import Task, tell
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+    from .canvas import UnwrappedCanvas
+
+MASK = "Mask"
+SLICE, MAXIMUM, MEAN = "Slice", "Maximum", "Mean"
+PROJECTIONS = {SLICE: "none", MAXIMUM: "max", MEAN: "mean"}
+TITLE_WIDTH = 130
+
+
+class DepthBar(QWidget):
+    """Content, projection and depth of the topography.
+
+    Parameters
+    ----------
+    canvas : UnwrappedCanvas
+    """
+
+    def __init__(self, canvas: UnwrappedCanvas) -> None:
+        super().__init__()
+        self._canvas = canvas
+        self._task: Task | None = None
+        self._contents: dict[str, npt.NDArray[Any]] = {}
+        self._of: Atlas | None = None
+        self._moving = False
+        self._build()
+        self.content.textActivated.connect(self.show_content)
+        self.mode.currentTextChanged.connect(self._on_mode)
+        self.slider.valueChanged.connect(self._apply)
+        self.range.valueChanged.connect(self._apply)
+        canvas.model.dims.events.point.connect(self._on_point)
+        canvas.model.layers.events.inserted.connect(self._on_inserted)
+        canvas.session.finished.connect(self._on_atlas)
+
+    def _build(self) -> None:
+        self.content = QComboBox()
+        self.content.addItem(MASK)
+        self.content.setToolTip("What is shown in (d, v, u).")
+        self.content.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
+        self.mode = QComboBox()
+        self.mode.addItems([*PROJECTIONS])
+        self.mode.setToolTip("One depth, or the maximum or mean over a range of depths.")
+        self.slider = QSlider(Qt.Orientation.Horizontal)
+        self.range = QRangeSlider(Qt.Orientation.Horizontal)
+        for slider in (self.slider, self.range):
+            slider.setToolTip("Depth d: the distance from the reference, outwards positive.")
+        self.sliders = QStackedWidget()
+        self.sliders.addWidget(self.slider)
+        self.sliders.addWidget(self.range)
+        self.sliders.setMaximumHeight(26)
+        self.label = QLabel()
+        self.label.setMinimumWidth(TITLE_WIDTH)
+        row = QHBoxLayout(self)
+        row.setContentsMargins(0, 0, 0, 0)
+        row.addWidget(self.content)
+        row.addWidget(self.mode)
+        row.addWidget(self.sliders, 1)
+        row.addWidget(self.label)
+
+    # The depth ------------------------------------------------------------------
+
+    @property
+    def d_um(self) -> npt.NDArray[np.floating]:
+        """Depth of every layer in µm; empty before there is a topography."""
+        atlas = self._canvas.atlas
+        return atlas.topography.d_um if atlas is not None else np.zeros(0)
+
+    def set_depth(self, d_um: float) -> None:
+        """Show the slice at a depth in µm."""
+        self.mode.setCurrentText(SLICE)
+        self.slider.setValue(self._layer(d_um))
+
+    def set_range(self, mode: str, low_um: float, high_um: float) -> None:
+        """Show the "Maximum" or the "Mean" over a range of depths in µm."""
+        self.mode.setCurrentText(mode)
+        self.range.setValue((self._layer(low_um), self._layer(high_um)))
+
+    def _layer(self, d_um: float) -> int:
+        return int(np.argmin(np.abs(self.d_um - d_um)))
+
+    def _on_inserted(self, _: Any = None) -> None:
+        image = self._canvas.image("topography")
+        if image is not None and self.slider.maximum() != len(image.data) - 1:
+            last = len(image.data) - 1
+            self._moving = True
+            for slider in (self.slider, self.range):
+                slider.setRange(0, last)
+            self.slider.setValue(self._start(last))
+            self.range.setValue((last // 3, last))
+            self._moving = False
+            self._apply()
+
+    def _start(self, last: int) -> int:
+        return self._layer(0.0) if len(self.d_um) == last + 1 else last // 2
+
+    def _on_mode(self, _: str = "") -> None:
+        self.sliders.setCurrentIndex(0 if self.mode.currentText() == SLICE else 1)
+        self._apply()
+
+    def _apply(self, _: Any = None) -> None:
+        """Bring the canvas to what the bar says."""
+        image = self._canvas.image("topography")
+        if self._moving or image is None:
+            return
+        low, high = self.slider.value(), self.slider.value()
+        if self.mode.currentText() != SLICE:
+            low, high = self.range.value()
+        self._moving = True
+        dims = self._canvas.model.dims
+        dims.set_point(0, (low + high) / 2)
+        around = np.zeros(dims.ndim)
+        around[0] = (high - low) / 2
+        dims.margin_left = dims.margin_right = tuple(around)
+        image.projection_mode = PROJECTIONS[self.mode.currentText()]
+        self._moving = False
+        self._say(low, high)
+
+    def _on_point(self, _: Any = None) -> None:
+        """The depth was changed by a key, or by a script."""
+        if not self._moving and self.mode.currentText() == SLICE:
+            self.slider.setValue(round(self._canvas.model.dims.point[0]))
+
+    def _say(self, low: int, high: int) -> None:
+        if high >= len(self.d_um):
+            self.label.setText("")
+        elif low == high:
+            self.label.setText(f"d = {_signed(self.d_um[low])} µm")
+        else:
+            ends = _signed(self.d_um[low]), _signed(self.d_um[high])
+            self.label.setText(f"d = {ends[0]} … {ends[1]} µm")
+
+    # The content ----------------------------------------------------------------
+
+    def show_content(self, title: str) -> None:
+        """Show the mask, or the signal of a channel; it is carried in a thread at first."""
+        self.content.setCurrentText(title)
+        atlas, stack = self._canvas.atlas, self._stack()
+        if atlas is None:
+            return
+        if title in self._contents:
+            self._show(self._contents[title])
+            return
+        if stack is None or self._task is not None:
+            return
+        self.content.setEnabled(False)
+        self.label.setText("carrying …")
+        channel = channel_titles(stack).index(title)
+        self._task = Task(topography_signal, atlas, stack, channel)
+        self._task.returned.connect(lambda values: self._on_carried(atlas, title, values))
+        self._task.failed.connect(self._on_failed)
+        self._task.start()
+
+    def _on_carried(self, atlas: Atlas, title: str, values: npt.NDArray[Any]) -> None:
+        self._task = None
+        self.content.setEnabled(True)
+        if atlas is self._of:
+            # One signal at a time: a large one takes hundreds of megabytes.
+            self._contents = {MASK: self._contents[MASK], title: values}
+            self._show(values)
+        self._apply()
+
+    def _on_failed(self, error: BaseException) -> None:
+        self._task = None
+        self.content.setEnabled(True)
+        self.content.setCurrentText(MASK)
+        self._apply()
+        tell(error)
+
+    def _show(self, values: npt.NDArray[Any]) -> None:
+        image = self._canvas.image("topography")
+        if image is not None:
+            data, attributes, _ = volume_layer(values)
+            image.data = data
+            image.contrast_limits_range = attributes["contrast_limits"]
+            image.contrast_limits = attributes["contrast_limits"]
+
+    def _on_atlas(self, atlas: Atlas) -> None:
+        if atlas is self._of or not atlas.has("topography"):
+            return
+        self._of = atlas
+        self._contents = {MASK: atlas.topography.mask}
+        stack = self._stack()
+        self.content.clear()
+        self.content.addItem(MASK)
+        if stack is not None and atlas.parameters.stack.label is None:
+            self.content.addItems(channel_titles(stack))
+        self._moving = True
+        self.slider.setValue(self._start(self.slider.maximum()))
+        self._moving = False
+        self._apply()
+
+    def _stack(self) -> Stack | None:
+        source = self._canvas.session.source
+        return source if isinstance(source, Stack) else None
+
+    def close_bar(self) -> None:
+        """Listen no longer."""
+        self._canvas.session.finished.disconnect(self._on_atlas)
+
+
+def _signed(d_um: float) -> str:
+    return f"{d_um:+.2f}".replace("-", "−")

@@ -1,0 +1,247 @@
+"""The linked cursor: the place under the pointer, marked in every view and read out."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+from qtpy.QtCore import QObject
+
+from ..fields import AREA_DISTORTION, CURVATURE, SIGNAL, Fields
+from ..geometry.picking import RayPicker
+from ..places import Place, Places
+from .layers import KEY
+from .markers import CanvasMarks
+from .threads import Task, tell
+
+if TYPE_CHECKING:
+    from ..atlas import Atlas
+    from .canvas import UnwrappedCanvas
+
+# Layer of the 3D canvas → where a place is in its data.
+SHOWN_AT = {
+    "surface": "position",
+    "sealed surface": "position",
+    "reference": "reference",
+    "sphere": "sphere",
+    "sphere (conformal)": "conformal",
+    "topographic surface": "topography",
+}
+# Fields that are read out whatever is shown, once their values are known.
+ALWAYS = (CURVATURE, AREA_DISTORTION, f"{SIGNAL}0")
+
+
+class LinkedCursor(QObject):
+    """Marks the place under the pointer in both canvases.
+
+    Attributes
+    ----------
+    place : Place or None
+        What is under the pointer.
+    marks_3d, marks_unwrapped : CanvasMarks
+    """
+
+    def __init__(self, viewer: Any, canvas: UnwrappedCanvas) -> None:
+        super().__init__(canvas)
+        self._viewer = weakref.ref(viewer)
+        self._canvas = canvas
+        self.place: Place | None = None
+        self._places: Places | None = None
+        self._pickers: dict[str, _Mesh] = {}
+        self._task: Task | None = None
+        self.marks_3d = CanvasMarks(viewer.window._qt_viewer)
+        self.marks_unwrapped = CanvasMarks(canvas.qt_viewer)
+        canvas.session.finished.connect(self._on_atlas)
+        canvas.chart_changed.connect(self.leave)
+        viewer.mouse_move_callbacks.append(self._on_move_3d)
+        canvas.model.mouse_move_callbacks.append(self._on_move_unwrapped)
+        viewer.events.mouse_over_canvas.connect(self._on_over)
+        canvas.model.events.mouse_over_canvas.connect(self._on_over)
+
+    # The atlas ------------------------------------------------------------------
+
+    def _on_atlas(self, atlas: Atlas) -> None:
+        self.leave()
+        self._places = None
+        if atlas.has("topography"):
+            self._task = Task(_prepare, atlas)
+            self._task.returned.connect(self._on_prepared)
+            self._task.failed.connect(tell)
+            self._task.start()
+
+    def _on_prepared(self, prepared: tuple[Places, dict[str, _Mesh]]) -> None:
+        if prepared[0].atlas is self._canvas.atlas:
+            self._places, self._pickers = prepared
+
+    @property
+    def ready(self) -> bool:
+        """Whether a place can be found."""
+        return self._places is not None
+
+    # The pointer ----------------------------------------------------------------
+
+    def _on_move_unwrapped(self, _: Any, event: Any) -> None:
+        if self._places is None or not self._canvas.image(self._canvas.chart):
+            return
+        count = 3 if self._canvas.chart == "topography" else 2
+        point = np.asarray(event.position, dtype=float)[-count:]
+        self.show(self._places.at_pixel(self._canvas.chart, point))
+
+    def _on_move_3d(self, viewer: Any, event: Any) -> None:
+        if self._places is None or viewer.dims.ndisplay != 3:
+            return
+        self.show(self._pick(viewer, event))
+
+    def _on_over(self, event: Any) -> None:
+        if not event.value:
+            self.leave()
+
+    def leave(self, _: Any = None) -> None:
+        """Nothing is under the pointer."""
+        self.show(None)
+
+    def show(self, place: Place | None) -> None:
+        """Mark a place in every view, or nothing."""
+        self.place = place
+        viewer = self._viewer()
+        if place is None or viewer is None:
+            self.marks_3d.hide()
+            self.marks_unwrapped.hide()
+            self._canvas.status.setText("")
+            return
+        self._mark(self.marks_3d, self._in_3d(viewer, place))
+        self._mark(self.marks_unwrapped, self._unwrapped(place))
+        self._canvas.status.setText(self.read_out(place))
+
+    @staticmethod
+    def _mark(marks: CanvasMarks, positions: list[npt.NDArray[np.floating]]) -> None:
+        if positions:
+            marks.show(positions)
+        else:
+            marks.hide()
+
+    def _in_3d(self, viewer: Any, place: Place) -> list[npt.NDArray[np.floating]]:
+        """Where the place is in the visible meshes of the 3D canvas, in its world."""
+        found = {}
+        for layer in viewer.layers:
+            attribute = SHOWN_AT.get(layer.metadata.get(KEY, {}).get("layer", ""))
+            if attribute is None or not layer.visible:
+                continue
+            point = getattr(place, attribute)
+            if point is not None:
+                world = point * layer.scale[-3:] + layer.translate[-3:]
+                found[tuple(np.round(world, 6))] = world
+        return list(found.values())
+
+    def _unwrapped(self, place: Place) -> list[npt.NDArray[np.floating]]:
+        chart = self._canvas.chart
+        if chart != "topography":
+            point = getattr(place, chart)
+            return [] if point is None else [point]
+        # Over or under a slice the mark is where the place would be in it.
+        return [] if place.uv is None else [place.uv]
+
+    # Picking --------------------------------------------------------------------
+
+    def _pick(self, viewer: Any, event: Any) -> Place | None:
+        """The place of the visible mesh that is seen first."""
+        assert self._places is not None
+        position = np.asarray(event.position, dtype=float)[-3:]
+        direction = np.asarray(event.view_direction, dtype=float)[-3:]
+        nearest: tuple[float, _Mesh, npt.NDArray[Any], npt.NDArray[Any]] | None = None
+        for layer in viewer.layers:
+            mesh = self._pickers.get(layer.metadata.get(KEY, {}).get("layer", ""))
+            if mesh is None or not layer.visible:
+                continue
+            scale, shift = layer.scale[-3:], layer.translate[-3:]
+            hit = mesh.picker.pick((position - shift) / scale, direction / scale)
+            if hit is None:
+                continue
+            corners, weights = mesh.faces[hit[0]], hit[1]
+            world = weights @ mesh.vertices[corners] * scale + shift
+            along = float((world - position) @ direction)
+            if nearest is None or along < nearest[0]:
+                nearest = (along, mesh, corners, weights)
+        if nearest is None:
+            return None
+        _, mesh, corners, weights = nearest
+        if mesh.of is not None:
+            corners = mesh.of[corners]
+        return self._places.on_mesh(mesh.chart, corners, weights)
+
+    # Words ----------------------------------------------------------------------
+
+    def read_out(self, place: Place) -> str:
+        """The numbers of a place, in one line."""
+        parts = []
+        if place.position is not None:
+            z, y, x = place.position
+            parts.append(f"z {z:.2f}  y {y:.2f}  x {x:.2f} µm")
+        if place.uv is not None:
+            parts.append(f"v {place.uv[0]:.0f}  u {place.uv[1]:.0f}")
+        if place.topography is not None:
+            parts.append(f"d {place.topography[0]:+.2f} µm")
+        colouring = self._canvas.colouring
+        fields = colouring.fields
+        if fields is not None and place.corners is not None and place.weights is not None:
+            names = [colouring.field, *(n for n in ALWAYS if n != colouring.field)]
+            parts += _values(fields, names, place)
+        return "   ·   ".join(parts).replace("-", "−")
+
+    def close(self) -> None:
+        """Take the marks away and listen no longer."""
+        viewer = self._viewer()
+        self._canvas.session.finished.disconnect(self._on_atlas)
+        if viewer is not None:
+            viewer.mouse_move_callbacks.remove(self._on_move_3d)
+            viewer.events.mouse_over_canvas.disconnect(self._on_over)
+        self._canvas.model.mouse_move_callbacks.remove(self._on_move_unwrapped)
+        self.marks_3d.remove()
+        self.marks_unwrapped.remove()
+        self._places = None
+        self._pickers.clear()
+
+
+def _values(fields: Fields, names: list[str], place: Place) -> list[str]:
+    parts = []
+    for name in names:
+        if name not in fields.names or place.corners is None or place.weights is None:
+            continue
+        value = fields.at(name, place.corners, place.weights)
+        if value is not None:
+            field = fields.field(name)
+            parts.append(f"{field.title} {value:.3g} {field.unit}".rstrip())
+    return parts
+
+
+class _Mesh:
+    """A mesh of the 3D canvas that can be picked, as it is in its layer's data.
+
+    `of` are the vertices of the chart that its vertices are, None if they are the same.
+    """
+
+    def __init__(self, chart: str, vertices: Any, faces: Any, of: Any = None) -> None:
+        self.chart = chart
+        self.vertices, self.faces, self.of = vertices, faces, of
+        self.picker = RayPicker(vertices, faces)
+
+
+def _prepare(atlas: Atlas) -> tuple[Places, dict[str, _Mesh]]:
+    """What takes a second, once for an atlas; runs in a thread."""
+    from .layers import flat_surface
+
+    cut, kept = flat_surface(atlas.topography)
+    sphere = atlas.sphere
+    meshes = {
+        "surface": _Mesh("surface", atlas.surface.vertices, atlas.surface.faces),
+        "sealed surface": _Mesh("sealed", atlas.sealed.vertices, atlas.sealed.faces),
+        "reference": _Mesh("reference", atlas.reference.vertices, atlas.reference.faces),
+        "sphere": _Mesh("sphere", sphere.vertices, sphere.faces),
+        "sphere (conformal)": _Mesh("sphere", sphere.conformal, sphere.faces),
+        "topographic surface": _Mesh(
+            "surface", cut.vertices, cut.faces, atlas.topography.cut_origin[kept]
+        ),
+    }
+    return Places(atlas).prepare(), meshes

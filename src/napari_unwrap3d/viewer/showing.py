@@ -1,0 +1,159 @@
+"""What is shown in the 3D canvas: a switch for each thing, above it."""
+
+from __future__ import annotations
+
+import weakref
+from typing import TYPE_CHECKING, Any
+
+from qtpy.QtCore import QEvent, QObject, Qt
+from qtpy.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QPushButton, QWidget
+
+from .layers import KEY
+from .notice import small_button
+from .sources import is_source
+
+if TYPE_CHECKING:
+    from napari.layers import Layer
+
+DOCK_NAME = "Shown in 3D"
+STACK = "stack"
+# Layer → what its switch says, and what it is.
+SWITCHES = {
+    STACK: ("Stack", "The images, as they were recorded."),
+    "mask": ("Mask", "The cell, voxel by voxel."),
+    "surface": ("Surface", "The surface of the cell."),
+    "sealed surface": ("Sealed", "The surface with its handles and holes closed."),
+    "reference": ("Reference", "The smooth cortex, without protrusions."),
+    "sphere": ("Sphere", "The reference on a sphere, with its areas kept."),
+    "sphere (conformal)": ("Conformal", "The reference on a sphere, with its angles kept."),
+    "topographic surface": ("Topography", "The surface over the (u, v) plane: height is d."),
+}
+ALONE = "Double-click: show it alone."
+
+
+class ShownBar(QWidget):
+    """A switch for each thing in the 3D canvas. Double-click shows one alone.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+    """
+
+    def __init__(self, viewer: Any, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self._viewer = weakref.ref(viewer)
+        self._watched: list[Layer] = []
+        row = QHBoxLayout(self)
+        row.setContentsMargins(6, 2, 6, 2)
+        row.setSpacing(2)
+        row.addWidget(QLabel("Show"))
+        self.buttons: dict[str, QPushButton] = {}
+        for name, (title, tip) in SWITCHES.items():
+            button = small_button(title, f"{tip}\n{ALONE}", checkable=True)
+            button.clicked.connect(lambda on, name=name: self.show_layers(name, on))
+            button.installEventFilter(self)
+            row.addWidget(button)
+            self.buttons[name] = button
+        row.addStretch(1)
+        self.fit_button = small_button("Fit", "Bring all of what is switched on into view.")
+        self.fit_button.clicked.connect(self.fit)
+        row.addWidget(self.fit_button)
+        for event in (viewer.layers.events.inserted, viewer.layers.events.removed):
+            event.connect(self._on_layers)
+        self._on_layers()
+
+    def layers(self, name: str) -> list[Layer]:
+        """The layers that a switch is for."""
+        viewer = self._viewer()
+        if viewer is None:
+            return []
+        if name == STACK:
+            return [layer for layer in viewer.layers if is_source(layer) and _is_image(layer)]
+        return [layer for layer in viewer.layers if _layer_name(layer) == name]
+
+    def show_layers(self, name: str, shown: bool) -> None:
+        """Show or hide one thing."""
+        for layer in self.layers(name):
+            layer.visible = shown
+
+    def show_alone(self, name: str) -> None:
+        """Show one thing only, as large as it fits."""
+        for each in SWITCHES:
+            self.show_layers(each, each == name)
+        self.fit()
+
+    def fit(self) -> None:
+        """Turn nothing, but bring all that is shown into view."""
+        viewer = self._viewer()
+        if viewer is not None:
+            fit_visible(viewer)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """A double-click on a switch."""
+        if event.type() == QEvent.Type.MouseButtonDblClick:
+            for name, button in self.buttons.items():
+                if button is watched and button.isEnabled():
+                    self.show_alone(name)
+                    return True
+        return super().eventFilter(watched, event)
+
+    def _on_layers(self, _: Any = None) -> None:
+        viewer = self._viewer()
+        if viewer is None:
+            return
+        for layer in self._watched:
+            layer.events.visible.disconnect(self._update)
+        self._watched = list(viewer.layers)
+        for layer in self._watched:
+            layer.events.visible.connect(self._update)
+        self._update()
+
+    def _update(self, _: Any = None) -> None:
+        for name, button in self.buttons.items():
+            layers = self.layers(name)
+            button.setEnabled(bool(layers))
+            button.setChecked(any(layer.visible for layer in layers))
+
+    def close_bar(self) -> None:
+        """Listen no longer."""
+        viewer = self._viewer()
+        if viewer is not None:
+            for event in (viewer.layers.events.inserted, viewer.layers.events.removed):
+                event.disconnect(self._on_layers)
+        for layer in self._watched:
+            layer.events.visible.disconnect(self._update)
+        self._watched.clear()
+
+
+def _layer_name(layer: Layer) -> str:
+    return str(layer.metadata.get(KEY, {}).get("layer", ""))
+
+
+def _is_image(layer: Layer) -> bool:
+    return type(layer).__name__ == "Image"
+
+
+def fit_visible(viewer: Any) -> None:
+    """Bring all visible layers into view, without turning the camera."""
+    shown = [layer for layer in viewer.layers if layer.visible]
+    if shown:
+        viewer.fit_to_view(layers=shown)
+
+
+def show_charts_only(viewer: Any) -> None:
+    """Hide the recorded images, which would lie over the charts in 3D, and fit the rest."""
+    for layer in viewer.layers:
+        if is_source(layer):
+            layer.visible = False
+    fit_visible(viewer)
+
+
+def add_shown_bar(viewer: Any) -> ShownBar:
+    """Put the switches above the 3D canvas."""
+    bar = ShownBar(viewer)
+    dock = viewer.window.add_dock_widget(bar, name=DOCK_NAME, area="top", allowed_areas=["top"])
+    dock.setFeatures(QDockWidget.DockWidgetFeature.NoDockWidgetFeatures)
+    dock.setTitleBarWidget(QWidget())
+    dock.setMinimumHeight(28)
+    viewer.window._qt_window.resizeDocks([dock], [30], Qt.Orientation.Vertical)
+    return bar

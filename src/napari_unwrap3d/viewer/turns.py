@@ -1,0 +1,40 @@
+"""Work in the window piece by piece, so that it never holds other events up."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterator
+
+from qtpy.QtCore import QObject, QTimer
+
+
+class Turns(QObject):
+    """Runs iterators in order, one step per turn of the event loop."""
+
+    def __init__(self, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._work: deque[Iterator[None]] = deque()
+        self._timer = QTimer(self)
+        self._timer.setInterval(0)
+        self._timer.timeout.connect(self._do_next)
+
+    def add(self, work: Iterator[None]) -> None:
+        """Do some work after all that was added before."""
+        self._work.append(work)
+        self._timer.start()
+
+    def clear(self) -> None:
+        """Forget what was not done yet."""
+        self._work.clear()
+        self._timer.stop()
+
+    def _do_next(self) -> None:
+        if not self._work:
+            self._timer.stop()
+            return
+        work = self._work[0]
+        try:
+            next(work)
+        except StopIteration:
+            if self._work and self._work[0] is work:
+                self._work.popleft()
