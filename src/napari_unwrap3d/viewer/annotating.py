@@ -15,15 +15,20 @@ from qtpy.QtCore import QEvent, QObject, Signal
 from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
+from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, TOOLS, SurfacePainter
 from .placing import chart_of
+from .session import session_of
 from .texturing import Texturing, Watching
 from .threads import Task, tell
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
     from napari.layers import Layer
+
+    from .canvas import UnwrappedCanvas
+    from .session import Session
 
 Colour = tuple[float, float, float, float]
 
@@ -38,6 +43,8 @@ PALETTE: tuple[Colour, ...] = (
     (0.00, 0.45, 0.70, 1.0),
     (0.84, 0.37, 0.00, 1.0),
 )
+# By how many colours the labels of one annotation begin after those of the last.
+STEP = 3
 LABELS = 64
 KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
@@ -75,9 +82,10 @@ class Annotating(QObject):
         self._texturing: Texturing | None = None
         self._current, self._label, self._tool = "", 1, LOOK
         self._radius_um = 1.0
-        self._colours: dict[str, dict[int, Colour]] = {}
         self._offset: dict[str, int] = {}
         self._hidden: set[str] = set()
+        self._session: Session | None = None
+        self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
@@ -118,6 +126,27 @@ class Annotating(QObject):
         self._on_listed()
         self.chosen.emit()
 
+    def follow(self, session: Session) -> None:
+        """Draw on the cell of a session, and in its second canvas."""
+        if self._session is not None:
+            return
+        self._session = session
+        session.finished.connect(self._on_session)
+        session.steps_changed.connect(self._on_session)
+        self._on_session()
+
+    def use_canvas(self, canvas: UnwrappedCanvas) -> None:
+        """Draw in the second canvas, too."""
+        if canvas is not self._canvas:
+            self._canvas = canvas
+            canvas.charts_changed.connect(self._on_charts)
+            self.layers.use_canvas(canvas)
+
+    def _on_session(self, _: Any = None) -> None:
+        assert self._session is not None
+        atlas = self._session.atlas
+        self.show(atlas, None if atlas is None else atlas.annotations)
+
     def _leave(self) -> None:
         if self._annotations is not None:
             self._annotations.listed.disconnect(self._on_listed)
@@ -131,6 +160,10 @@ class Annotating(QObject):
 
     def close(self) -> None:
         """Leave the viewer as it was, and no thread."""
+        if self._session is not None:
+            self._session.finished.disconnect(self._on_session)
+            self._session.steps_changed.disconnect(self._on_session)
+            self._session = None
         self._leave()
         self.atlas = self._annotations = None
         self.painter.close()
@@ -156,7 +189,7 @@ class Annotating(QObject):
     def shows(self, layer: Layer) -> bool:
         """Whether a layer shows a mesh of this cell."""
         mesh = chart_of(layer)
-        if self.atlas is None or not self.atlas.has(mesh):
+        if self.atlas is None or type(layer).__name__ != "Surface" or not self.atlas.has(mesh):
             return False
         return len(layer.data[1]) == len(self.faces(mesh))
 
@@ -236,17 +269,17 @@ class Annotating(QObject):
     def style(self, name: str) -> tuple[Mapping[int, Colour], bool]:
         """The colours of an annotation's labels, and whether it is visible."""
         first = self._offset.setdefault(name, len(self._offset))
-        own = self._colours.get(name, {})
+        own = self.annotations.colours(name)
         colours = {
-            label: own.get(label, PALETTE[(first + label - 1) % len(PALETTE)])
+            label: own.get(label, PALETTE[(STEP * first + label - 1) % len(PALETTE)])
             for label in range(1, LABELS)
         }
         return colours, name not in self._hidden
 
     def set_colour(self, name: str, label: int, colour: Colour) -> None:
         """Give a label of an annotation another colour, in every view."""
-        self._colours.setdefault(name, {})[label] = colour
-        self._restyle()
+        own = self.annotations.colours(name)
+        self.annotations.set_colours(name, {**own, label: colour})
 
     def set_visible(self, name: str, visible: bool) -> None:
         """Show or hide an annotation, in every view."""
@@ -263,11 +296,8 @@ class Annotating(QObject):
         """Give an annotation another name; it keeps its colours."""
         if old == new:
             return
-        first, own = self._offset.get(old), self._colours.get(old)
-        if first is not None:
-            self._offset[new] = first
-        if own is not None:
-            self._colours[new] = own
+        if old in self._offset:
+            self._offset[new] = self._offset[old]
         if old in self._hidden:
             self._hidden.add(new)
         current = self._current
@@ -289,6 +319,7 @@ class Annotating(QObject):
             self.painter.prepare()
             self._prepare_direct()
         self.listed.emit()
+        self.layers.restyle()
         self.edited.emit()
 
     def _on_changed(self, _: Any = None) -> None:
@@ -302,6 +333,8 @@ class Annotating(QObject):
             return
         if "reason" in atlas.quality.get("direct", {}) or not atlas.has("topography"):
             return
+        if self._canvas is not None and self._canvas.computing == "direct":
+            return
         self.told.emit(
             "Computing the direct chart, to show every fold of the surface. You can draw "
             "meanwhile; under overhangs the surface shows what lies outermost until then."
@@ -314,6 +347,13 @@ class Annotating(QObject):
     def _on_direct(self, _: Any) -> None:
         self._direct = None
         self.told.emit("")
+        if self._canvas is not None:
+            self._canvas.charts_changed.emit()
+        else:
+            self._on_charts()
+
+    def _on_charts(self) -> None:
+        """A chart was computed: where it is the direct one, the surface shows that."""
         if self._texturing is not None:
             self._texturing.remake()
 
@@ -341,4 +381,7 @@ def annotating_of(viewer: Any) -> Annotating:
         window = viewer.window._qt_window
         annotating = _ANNOTATING[viewer] = Annotating(viewer, window)
         window.installEventFilter(annotating)
+        # After the session, whose threads end first when the window closes.
+        annotating.use_canvas(canvas_of(viewer))
+        annotating.follow(session_of(viewer))
     return annotating

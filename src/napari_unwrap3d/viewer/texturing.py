@@ -3,7 +3,8 @@
 A layer keeps its mesh, its values, colormap and limits, and may be given others as ever;
 what it would show of them is drawn into the texture, below the annotations. While a layer
 is textured its mesh is cut along the seam, so that some vertices are there twice, at the
-end; ``metadata["napari_unwrap3d"]["copies_of"]`` tells of which vertex each is a copy.
+end. ``metadata["napari_unwrap3d"]`` tells of which vertex each is a copy: as ``vertices``,
+which is where the field that colours the layer is read, and as ``copies_of``.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ from qtpy.QtCore import QObject, QTimer
 
 from ..annotations import Annotations, Change
 from ..atlas import Atlas
-from ..textured import PaintedTexture, Skin, make_skin
-from .layers import KEY
+from ..textured import PaintedTexture, Skin, make_skin, skin_chart
+from .layers import COPIES, KEY
 from .placing import chart_of
 from .subtexture import show_boxes
 from .threads import Task, tell
@@ -30,7 +31,6 @@ if TYPE_CHECKING:
     from napari.layers import Layer, Surface
 
 TEXTURED = ("surface", "sealed", "reference", "sphere")
-COPIES = "copies_of"
 CLOSE_SECONDS = 5.0
 SHADES = 256
 
@@ -100,10 +100,15 @@ class LayerTexture:
         for emitter in self._emitters:
             emitter.connect(self._on_colours)
 
+    @property
+    def lost(self) -> bool:
+        """Whether the layer was given another mesh, and no longer has this texture."""
+        return self.layer.texture is not self.texture.pixels
+
     def show(self) -> None:
         """Show what changed."""
         viewer = self._viewer()
-        if viewer is None or self.layer not in viewer.layers:
+        if viewer is None or self.layer not in viewer.layers or self.lost:
             return
         if self._stale:
             self._stale = False
@@ -115,8 +120,10 @@ class LayerTexture:
         self.layer.events.data.disconnect(self._on_data)
         for emitter in self._emitters:
             emitter.disconnect(self._on_colours)
+        if self.lost:
+            return
         layer = self.layer
-        layer.metadata.get(KEY, {}).pop(COPIES, None)
+        self._note(None)
         vertices, faces, values = layer.data
         cut = len(vertices) == len(self.skin.origin) and len(faces) == len(self._faces)
         with layer.events.set_data.blocker():
@@ -143,7 +150,15 @@ class LayerTexture:
         self.texture.take_changed()
         # The one call that napari draws anew for.
         layer.texture = self.texture.pixels
-        layer.metadata.setdefault(KEY, {})[COPIES] = origin
+        self._note(origin)
+
+    def _note(self, origin: npt.NDArray[np.int64] | None) -> None:
+        known = self.layer.metadata.get(KEY, {})
+        for key in (COPIES, "vertices"):
+            if origin is None:
+                known.pop(key, None)
+            else:
+                known[key] = origin
 
     def _cut(self) -> None:
         vertices, _, values = self.layer.data
@@ -160,15 +175,9 @@ class LayerTexture:
 
     def _on_data(self, _: Any = None) -> None:
         """The layer was given another mesh or other values, without copies."""
-        if self._changing:
+        if self._changing or self.lost:
             return
-        vertices, faces, values = self.layer.data
-        if len(faces) != len(self._faces) or len(vertices) not in (
-            self._size,
-            len(self.skin.origin),
-        ):
-            # Another mesh altogether; whoever made the skin makes a new one.
-            return
+        vertices, _, values = self.layer.data
         if not len(vertices) == len(values) == len(self.skin.origin):
             self._cut()
         self._on_colours()
@@ -240,6 +249,8 @@ class Texturing(QObject):
         if not self._annotations.names:
             self._take_off_all()
             return
+        for layer in [each for each, texture in self._textures.items() if texture.lost]:
+            self._textures.pop(layer).take_off()
         for layer in viewer.layers:
             mesh = chart_of(layer)
             if mesh in TEXTURED and layer not in self._textures and self._fits(layer, mesh):
@@ -249,10 +260,16 @@ class Texturing(QObject):
         self._timer.start()
 
     def remake(self) -> None:
-        """Make the skins anew: the atlas has the direct chart now."""
-        self._skins.clear()
-        self._take_off_all()
+        """Make those skins anew for which the atlas has a better chart now."""
+        old = [mesh for mesh, skin in self._skins.items() if skin.chart != self._chart(mesh)]
+        for mesh in old:
+            del self._skins[mesh]
+        for layer in [layer for layer in self._textures if chart_of(layer) in old]:
+            self._textures.pop(layer).take_off()
         self.update()
+
+    def _chart(self, mesh: str) -> str:
+        return skin_chart(self._atlas, mesh)
 
     def close(self) -> None:
         """Leave the layers as they were without annotations, and no thread."""
@@ -272,7 +289,9 @@ class Texturing(QObject):
 
     def _fits(self, layer: Layer, mesh: str) -> bool:
         """Whether a layer shows the mesh of this atlas, and not of the next or the last run."""
-        if not self._atlas.has(mesh) or not self._atlas.has("uv"):
+        if type(layer).__name__ != "Surface" or not self._atlas.has("uv"):
+            return False
+        if not self._atlas.has(mesh):
             return False
         chart = getattr(self._atlas, mesh)
         return len(layer.data[1]) == len(chart.faces) and len(layer.data[0]) == len(chart.vertices)
