@@ -20,6 +20,7 @@ from .drawing_layers import DrawingLayers
 from .painting import LOOK, TOOLS, SurfacePainter
 from .placing import chart_of
 from .session import session_of
+from .shape_layers import ShapeLayers
 from .texturing import Texturing, Watching
 from .threads import Task, tell
 
@@ -89,6 +90,7 @@ class Annotating(QObject):
         self._direct: Task | None = None
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
+        self.shapes = ShapeLayers(self)
         for key, what in KEYS.items():
             viewer.bind_key(key, self._undo if what == "undo" else self._redo, overwrite=True)
 
@@ -99,6 +101,16 @@ class Annotating(QObject):
         """Of the cell; only where there is one (:attr:`atlas`)."""
         assert self._annotations is not None
         return self._annotations
+
+    @property
+    def viewer(self) -> ViewerModel | None:
+        """The viewer, as long as it is there."""
+        return self._viewer()
+
+    @property
+    def canvas(self) -> UnwrappedCanvas | None:
+        """The second canvas that is drawn in."""
+        return self._canvas
 
     @property
     def texturing(self) -> Texturing | None:
@@ -119,6 +131,7 @@ class Annotating(QObject):
         watching = Watching(annotations)
         self._texturing = Texturing(viewer, atlas, annotations, self.style, watching, self)
         self.layers.show(annotations, watching)
+        self.shapes.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
@@ -156,6 +169,7 @@ class Annotating(QObject):
             self._texturing.deleteLater()
             self._texturing = None
         self.layers.leave()
+        self.shapes.leave()
         self.painter.forget()
 
     def close(self) -> None:

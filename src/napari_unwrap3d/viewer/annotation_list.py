@@ -166,4 +166,7 @@ class AnnotationList(QWidget):
 def _swatch(colour: Any) -> QIcon:
     pixels = QPixmap(SWATCH, SWATCH)
     pixels.fill(QColor.fromRgbF(*(float(part) for part in colour)))
-    return QIcon(pixels)
+    icon = QIcon(pixels)
+    # Qt would tint it in the row that is selected.
+    icon.addPixmap(pixels, QIcon.Mode.Selected)
+    return icon

@@ -25,6 +25,8 @@ from qtpy.QtWidgets import (
 
 from .annotating import LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
+from .annotation_measures import MeasuresBox
+from .annotation_regions import RegionsBox
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK
 
 if TYPE_CHECKING:
@@ -87,6 +89,8 @@ class AnnotationWidget(QWidget):
         self.slices = QCheckBox("Draw on slices of the stack")
         self.message, self.busy = QLabel(), QProgressBar()
         self.help_button, self.help = QPushButton(), QLabel(HELP)
+        self.regions = RegionsBox(self.annotating)
+        self.measures = MeasuresBox(self.annotating)
         self._fill_in()
         self._arrange()
         self._connect()
@@ -155,6 +159,8 @@ class AnnotationWidget(QWidget):
             drawing,
             self.help_button,
             self.help,
+            self.regions,
+            self.measures,
         ):
             self._column.addWidget(part)
         self._column.addStretch(1)
@@ -246,8 +252,3 @@ class AnnotationWidget(QWidget):
     def _say(self, message: str) -> None:
         self.message.setText(message)
         self.message.setVisible(bool(message))
-
-
-def add_annotation_widget(napari_viewer: Any) -> AnnotationWidget:
-    """For the manifest: the dock widget of a viewer."""
-    return AnnotationWidget(napari_viewer)
