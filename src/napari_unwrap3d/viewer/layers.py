@@ -71,6 +71,9 @@ CHARTS = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography"
 # The charts of the second canvas.
 UNWRAPPED = ("uv", "direct", "plane", "topography")
 
+# In a layer's metadata, of a mesh that was cut for a texture: whose copy each vertex is.
+COPIES = "copies_of"
+
 GAP = 0.08
 OVERHANG = 0.02
 

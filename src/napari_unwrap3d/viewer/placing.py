@@ -111,6 +111,7 @@ def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
     shown = layer.metadata[KEY]["shown"]
     seen, limits = _seen(layer)
     if not _same(layer.data, data):
+        _take_texture_off(layer)
         layer.data = data
     for name in ("scale", "translate", "features", "size"):
         if name in attributes:
@@ -121,6 +122,15 @@ def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
     if limits == shown[1] and "contrast_limits" in attributes:
         layer.contrast_limits = attributes["contrast_limits"]
     _remember(layer)
+
+
+def _take_texture_off(layer: Layer) -> None:
+    """A texture, and the white below it, belong to the mesh that the layer had."""
+    if getattr(layer, "texture", None) is not None:
+        with layer.events.set_data.blocker():
+            layer.vertex_colors = None
+            layer.texture = None
+        layer.texcoords = None
 
 
 def _same(old: Any, new: Any) -> bool:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..files.meshes import write_mesh
-from .layers import KEY
+from .layers import COPIES, KEY
 from .sources import check_placement, micrometres
 
 logger = logging.getLogger(__name__)
@@ -38,6 +38,7 @@ def write_surface(path: str, data: Any, attributes: dict[str, Any]) -> list[str]
     """
     from napari.layers import Layer
 
+    data, attributes = _whole(data, attributes)
     layer = Layer.create(data, _known(attributes), "surface")
     check_placement(layer)
     vertices = np.asarray(data[0], dtype=float) * layer.scale
@@ -49,6 +50,19 @@ def write_surface(path: str, data: Any, attributes: dict[str, Any]) -> list[str]
     else:
         vertices = vertices * factors
     return [str(write_mesh(path, vertices, data[1], _fields(layer, data)))]
+
+
+def _whole(data: Any, attributes: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
+    """The mesh as it is without the cut that a texture needs."""
+    copies = attributes.get("metadata", {}).get(KEY, {}).get(COPIES)
+    if copies is None:
+        return data, attributes
+    size = int(copies.max()) + 1
+    whole = (data[0][:size], copies[np.asarray(data[1])], *(each[:size] for each in data[2:]))
+    features = attributes.get("features")
+    if features is not None:
+        attributes = {**attributes, "features": features[:size]}
+    return whole, attributes
 
 
 def _known(attributes: dict[str, Any]) -> dict[str, Any]:
