@@ -87,6 +87,28 @@ class Pipeline:
             )
         self._source_key = _source_key(self.source)
 
+    @classmethod
+    def resumed(cls, atlas: Atlas, source: Source | None = None) -> Pipeline:
+        """The pipeline of an atlas that was computed before: its steps need not run again.
+
+        Parameters
+        ----------
+        atlas : Atlas
+            Whose charts are the results of the steps with its own parameters.
+        source : Stack, Mask or Surface, optional
+            What it was unwrapped from; its mask unless given.
+        """
+        pipeline = cls(atlas.mask if source is None else source)
+        steps = atlas.provenance.get("steps", {})
+        for name, step in _BY_NAME.items():
+            chart = "mask" if name == "stack" else name
+            if atlas.has(chart):
+                seconds = float(steps.get(name, {}).get("seconds", 0.0))
+                numbers = dict(atlas.quality.get(name, {}))
+                key = pipeline._key(step, atlas.parameters)
+                pipeline.kept[name] = Kept(key, getattr(atlas, chart), numbers, seconds)
+        return pipeline
+
     @property
     def results(self) -> dict[str, Any]:
         """Step → what it computed."""

@@ -10,6 +10,7 @@ Layout, schema version 3 (1 has no direct chart and no cuts, 2 no annotations)::
     /sealed/mask                         a group per nested mask or volume
     ...
     /annotations                         see :mod:`.annotated`
+    /source                              what was unwrapped; see :mod:`.source`
 
 Arrays are compressed by Blosc (zstd, bitshuffle) and come back bit for bit; see
 :mod:`.arrays`.
@@ -37,6 +38,8 @@ from .archive import NODE, check_entries, check_layout, read_node
 from .arrays import read_array, write_array
 from .atomic import from_plain, plain, replacing
 from .consistency import check_charts
+from .source import GROUP as SOURCE
+from .source import checked_source, kept_source
 
 if TYPE_CHECKING:
     import zarr
@@ -97,6 +100,7 @@ def save_project(
     *,
     annotations: Annotations | State | None = None,
     view: Mapping[str, Any] | None = None,
+    source: charts.Stack | charts.Mask | charts.Surface | None = None,
 ) -> Path:
     """Save an atlas, with everything needed to open it again, in one file.
 
@@ -112,6 +116,8 @@ def save_project(
         Those that were drawn on the atlas; its own unless given.
     view : mapping, optional
         What a viewer wants back when the project is opened: JSON-able and small.
+    source : Stack, Mask or Surface, optional
+        What was unwrapped, so that steps can be run again; see :func:`.source.kept_source`.
 
     Returns
     -------
@@ -128,6 +134,9 @@ def save_project(
     state = state_of(annotations if annotations is not None else atlas.annotated)
     attributes = {**_root_attributes(atlas), "view": checked_view(view or {})}
     present = {name: getattr(atlas, name) for name in CHARTS if atlas.has(name)}
+    original = kept_source(source, atlas.parameters.stack.timepoint)
+    if original is not None:
+        present[SOURCE] = original
     size = sum(_bytes(chart) for chart in present.values()) or 1
     written = 0
     with replacing(path) as partial, ZipStore(partial, mode="w") as store:
@@ -266,6 +275,20 @@ def load_surface(path: str | Path) -> charts.Surface:
     if not isinstance(surface, charts.Surface):
         raise InputError(f"The project {Path(path).name!r} has no surface.")
     return surface
+
+
+def load_source(path: str | Path) -> charts.Stack | charts.Mask | charts.Surface | None:
+    """What the cell of a project was unwrapped from; None where it was not kept.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As in :func:`load_project`.
+    """
+    with opened(Path(path)) as root:
+        if SOURCE not in root:
+            return None
+        return checked_source(_read_group(root[SOURCE], silent()))
 
 
 def read_summary(path: str | Path) -> dict[str, Any]:

@@ -110,6 +110,12 @@ class Colouring(QObject):
             self.limits = (float(low), float(high))
             self._recolour()
 
+    def restore(self, field: str, colormap: Any, limits: tuple[float, float]) -> None:
+        """Colour by a field with a colormap and limits that were chosen before."""
+        if self.fields is not None and limits[1] > limits[0]:
+            self._chosen[self.fields.field(field).name] = (ensure_colormap(colormap), limits)
+            self.set_field(field)
+
     @property
     def busy(self) -> bool:
         """Whether values are being computed, or brought to the views."""

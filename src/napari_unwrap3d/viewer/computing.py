@@ -193,12 +193,14 @@ class Computation(QObject):
 def fingerprint(source: LayerSource) -> tuple[Any, ...]:
     """What tells two sources apart, also after a layer was painted on in place."""
     data = source.data
+    # Whoever divides by the scale and multiplies again gets the last bits wrong.
+    origin = tuple(round(place, 9) for place in source.origin)
     if isinstance(data, Surface):
-        return (source.origin, _checksum(data.vertices), _checksum(data.faces))
+        return (origin, _checksum(data.vertices), _checksum(data.faces))
     axes = data.axes if isinstance(data, Stack) else "mask"
     values = data.data
     content = _checksum(values) if isinstance(values, np.ndarray) else (id(values),)
-    return (source.origin, axes, data.voxel_size, content)
+    return (origin, axes, data.voxel_size, content)
 
 
 def _checksum(array: npt.NDArray[Any]) -> tuple[Any, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -93,6 +94,23 @@ class DepthBar(QWidget):
         """Show the "Maximum" or the "Mean" over a range of depths in µm."""
         self.mode.setCurrentText(mode)
         self.range.setValue((self._layer(low_um), self._layer(high_um)))
+
+    def state(self) -> dict[str, Any]:
+        """What is shown, as plain data."""
+        return {
+            "content": self.content.currentText(),
+            "mode": self.mode.currentText(),
+            "slice": int(self.slider.value()),
+            "range": [int(layer) for layer in self.range.value()],
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Show what :meth:`state` said; KeyError, TypeError or ValueError if it makes no sense."""
+        low, high = (int(layer) for layer in state["range"])
+        self.show_content(str(state["content"]))
+        self.mode.setCurrentText(str(state["mode"]))
+        self.slider.setValue(int(state["slice"]))
+        self.range.setValue((low, high))
 
     def _layer(self, d_um: float) -> int:
         return int(np.argmin(np.abs(self.d_um - d_um)))

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..charts import Surface
+from ..errors import InputError
 from ..files.meshes import MESH_SUFFIXES, read_mesh
 from ..files.project import SUFFIX, load_project
 from .layers import LayerData, atlas_layers, mesh_layer
@@ -34,9 +35,28 @@ def read_meshes(path: str | list[str]) -> list[LayerData]:
     return [_mesh_layer(each) for each in _paths(path)]
 
 
-def read_projects(path: str | list[str]) -> list[LayerData]:
-    """All layers of every project."""
-    return [layer for each in _paths(path) for layer in atlas_layers(load_project(each))]
+def read_projects(path: str | list[str]) -> list[Any]:
+    """Open a project in the current window, with its linked views; else, all of its layers.
+
+    Raises
+    ------
+    InputError
+        Several projects at once: a window has one cell.
+    """
+    import napari
+
+    viewer, paths = napari.current_viewer(), _paths(path)
+    if viewer is None:
+        return [layer for each in paths for layer in atlas_layers(load_project(each))]
+    if len(paths) > 1:
+        raise InputError(
+            "A window shows one cell.", projects=len(paths), hint="Open one project at a time."
+        )
+    from .project import open_project
+
+    open_project(viewer, paths[0])
+    # What napari takes for "read, and there is nothing to add".
+    return [(None,)]
 
 
 def _mesh_layer(path: Path) -> LayerData:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import weakref
 from collections import deque
 from collections.abc import Iterator
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from qtpy.QtCore import QEvent, QObject, QTimer, Signal
@@ -19,7 +20,8 @@ from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
 from .canvas import canvas_of, open_canvas
 from .computing import Computation, Known, Outcome
-from .layers import LayerData, split_layers
+from .keeping import keeping
+from .layers import LayerData, atlas_charts, split_layers
 from .placing import chart_of, placing, remove_charts
 from .previews import Previews
 from .showing import fit_visible, show_charts_only
@@ -35,7 +37,7 @@ from .step_states import (
     first_open_step,
     pipeline_states,
 )
-from .threads import tell
+from .threads import Task, tell
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -84,6 +86,8 @@ class Session(QObject):
         A run ended otherwise; says why.
     settled()
         Parameters came to rest where everything is known: nothing runs.
+    told(str)
+        What goes on beside the pipeline; empty when it is over.
     closing()
         The window closes.
     """
@@ -97,6 +101,7 @@ class Session(QObject):
     finished = Signal(object)
     stopped = Signal(str)
     settled = Signal()
+    told = Signal(str)
     closing = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
@@ -106,6 +111,8 @@ class Session(QObject):
         self.charts: dict[str, Any] = {}
         self.steps = {name: StepState() for name in STEPS}
         self.update_automatically = True
+        self.opening: Task | None = None  # of a project, in a thread
+        self.project_path: Path | None = None  # where the cell was saved, or opened from
         self._source: weakref.ref[Layer] | None = None
         self._voxel_size: Size3 | None = None
         self._known: Known | None = None
@@ -240,6 +247,11 @@ class Session(QObject):
     # Running -----------------------------------------------------------------
 
     @property
+    def run_origin(self) -> Size3:
+        """Where the source of the last run lies in the viewer, (z, y, x) in µm."""
+        return (0.0, 0.0, 0.0) if self._known is None else self._known.identity[0]
+
+    @property
     def run_source(self) -> Source | None:
         """The stack, mask or mesh of the last run."""
         return None if self._known is None else self._known.pipeline.source
@@ -349,7 +361,7 @@ class Session(QObject):
                 name: chart for name, chart in self._known.shown.items() if name in present
             }
 
-    def _later(self, work: Iterator[None]) -> None:
+    def later(self, work: Iterator[None]) -> None:
         """Do work in the viewer piece by piece, in order, between other events."""
         self._work.append(work)
         self._timer.start()
@@ -381,7 +393,7 @@ class Session(QObject):
         self.progressed.emit(step, fraction, message)
 
     def _on_charts(self, layers: list[LayerData], charts: dict[str, Any]) -> None:
-        self._later(self._place(layers, charts))
+        self.later(self._place(layers, charts))
 
     def _place(self, layers: list[LayerData], charts: dict[str, Any]) -> Iterator[None]:
         viewer = self._viewer()
@@ -400,7 +412,7 @@ class Session(QObject):
         self.charts_changed.emit(charts)
 
     def _on_ended(self, outcome: Outcome) -> None:
-        self._later(self._end(outcome))
+        self.later(self._end(outcome))
 
     def _end(self, outcome: Outcome) -> Iterator[None]:
         yield
@@ -411,6 +423,7 @@ class Session(QObject):
             if self.running:
                 return
         if outcome.atlas is not None:
+            yield from keeping(self.atlas, outcome.atlas)
             self._finish(outcome.atlas)
         elif cancelled:
             self._update_states()
@@ -421,6 +434,32 @@ class Session(QObject):
         if self._again or any(self.steps[name].state == STALE for name in self._reached()):
             # A slider was moved so late that the run came to its end.
             self._rest.start()
+
+    def adopt(self, known: Known, atlas: Atlas, layer: Layer, layers: list[LayerData]) -> None:
+        """Go on with a cell that was unwrapped before, as after a run.
+
+        Parameters
+        ----------
+        known : Known
+            Its pipeline, whose steps are done.
+        atlas : Atlas
+        layer : Layer
+            The source, in the viewer.
+        layers : list of LayerData
+            Of every chart.
+        """
+        self._on_source(known)
+        self.set_source(layer)
+        self._parameters, self._problems, self._failed = atlas.parameters, {}, None
+        self._until, self._closed = STEP_NAMES[-1], False
+        self._turn_to_3d = self._fit_at_end = True
+        self.parameters_changed.emit(self._parameters)
+        self.later(self._place(layers, dict(atlas_charts(atlas))))
+        self.later(self._adopted(atlas))
+
+    def _adopted(self, atlas: Atlas) -> Iterator[None]:
+        self._finish(atlas)
+        yield
 
     def _finish(self, atlas: Atlas) -> None:
         self.atlas = atlas

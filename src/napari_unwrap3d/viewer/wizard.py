@@ -18,9 +18,11 @@ from qtpy.QtWidgets import (
 )
 
 from ..errors import Unwrap3DError
-from ..files.project import SUFFIX, save_project
+from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
+from .left_behind import LeftBehind
+from .project import autosave_of, open_project, saving
 from .session import session_of
 from .source_chooser import SourceChooser
 from .step_panel import WIDTH, StepPanel, scrolling
@@ -33,6 +35,8 @@ if TYPE_CHECKING:
     from ..atlas import Atlas
 
 DEFAULTS = "defaults"
+NAME = "Unwrap"
+FILES = f"unwrap3d project (*{SUFFIX})"
 
 
 class Wizard(QWidget):
@@ -50,8 +54,11 @@ class Wizard(QWidget):
 
     def __init__(self, napari_viewer: napari.Viewer) -> None:
         super().__init__()
+        # napari may hand out a proxy of the viewer.
+        self.viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.session = session_of(napari_viewer)
         self._saving: Task | None = None
+        autosave_of(self.viewer)
         self._build()
         self._arrange()
         self._connect()
@@ -81,8 +88,13 @@ class Wizard(QWidget):
         self.progress_bar.setRange(0, 1000)
         self.message = QLabel()
         self.message.setWordWrap(True)
-        self.save_button = QPushButton("Save project …")
-        self.save_button.setToolTip("Every chart, map and parameter in one *.unwrap3d file.")
+        self.save_button = QPushButton("Save …")
+        self.save_button.setToolTip(
+            "Everything in one *.unwrap3d file: image, charts, maps, parameters, annotations, view."
+        )
+        self.open_button = QPushButton("Open …")
+        self.open_button.setToolTip("Open a *.unwrap3d project; it may also be dropped here.")
+        self.left = LeftBehind(self.viewer)
 
     def _arrange(self) -> None:
         presets = QHBoxLayout()
@@ -99,9 +111,11 @@ class Wizard(QWidget):
         buttons = QHBoxLayout()
         buttons.addWidget(self.run_button, 1)
         buttons.addWidget(self.cancel_button)
+        buttons.addWidget(self.open_button)
         buttons.addWidget(self.save_button)
         layout = QVBoxLayout(self)
         layout.setContentsMargins(6, 6, 6, 6)
+        layout.addWidget(self.left)
         layout.addWidget(self.chooser)
         layout.addLayout(presets)
         layout.addWidget(scrolling(steps), 1)
@@ -117,6 +131,8 @@ class Wizard(QWidget):
         self.run_button.clicked.connect(self.run)
         self.cancel_button.clicked.connect(self._on_cancel)
         self.save_button.clicked.connect(self._on_save)
+        self.open_button.clicked.connect(self._on_open)
+        self.session.told.connect(self._say)
         self.session.source_changed.connect(self._update_hint)
         self.session.steps_changed.connect(self._on_steps)
         self.session.progressed.connect(self._on_progress)
@@ -203,31 +219,54 @@ class Wizard(QWidget):
         self.message.setText(message)
         self.message.setVisible(bool(message))
 
-    # Saving ------------------------------------------------------------------
+    # Projects ----------------------------------------------------------------
 
     def save(self, path: str | Path) -> None:
-        """Save the atlas in a thread; an error is shown as a notification."""
+        """Save the cell and what the window looks like in a thread; errors become notifications."""
         if self.session.atlas is None:
             return
-        self._saving = Task(save_project, self.session.atlas, path)
+        self._saving = Task(saving(self.session, self.viewer, path))
         self._saving.returned.connect(self._on_saved)
         self._saving.failed.connect(self._on_not_saved)
         self._saving.start()
+        self._say("Saving …")
         self._on_steps()
 
     def _on_save(self) -> None:
-        name, _ = QFileDialog.getSaveFileName(
-            self, "Save project", f"cell{SUFFIX}", f"unwrap3d project (*{SUFFIX})"
-        )
+        known = self.session.project_path
+        start = f"cell{SUFFIX}" if known is None else str(known)
+        name, _ = QFileDialog.getSaveFileName(self, "Save project", start, FILES)
         if name:
             self.save(name)
 
-    def _on_saved(self, path: Any) -> None:
+    def _on_open(self) -> None:
+        name, _ = QFileDialog.getOpenFileName(self, "Open project", "", FILES)
+        if name:
+            try:
+                open_project(self.viewer, name)
+            except Unwrap3DError as error:
+                tell(error)
+
+    def _on_saved(self, path: Path) -> None:
         self._saving = None
+        self.session.project_path = path
+        autosave_of(self.viewer).saved(path)
         self._say(f"Saved {path}.")
         self._on_steps()
 
     def _on_not_saved(self, error: BaseException) -> None:
         self._saving = None
+        self._say("")
         tell(error)
         self._on_steps()
+
+
+def open_wizard(viewer: Any) -> Wizard:
+    """The wizard of a window, docked at its right side if it is not there yet."""
+    viewer = getattr(viewer, "__wrapped__", viewer)
+    window = viewer.window._qt_window
+    wizard = next(iter(window.findChildren(Wizard)), None)
+    if wizard is None:
+        wizard = Wizard(viewer)
+        viewer.window.add_dock_widget(wizard, name=NAME, area="right")
+    return wizard

@@ -1,0 +1,247 @@
+"""Projects in the window: opened into the linked views, and saved with what they look like."""
+
+from __future__ import annotations
+
+import weakref
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..atlas import Atlas
+from ..charts import Mask, Size3, Stack, Surface
+from ..errors import Unwrap3DError
+from ..files.project import load_project, load_source, read_summary, save_project
+from ..parameters import Parameters
+from ..pipeline import Pipeline, Source
+from .annotating import annotating_of
+from .autosave import Autosave, unsaved_folder
+from .canvas import canvas_of
+from .computing import Known, fingerprint
+from .layers import SPACE, UNIT, LayerData, Layout, atlas_charts, chart_layers, mesh_layer
+from .session import session_of
+from .sources import LayerSource
+from .threads import Task, tell
+from .view_state import show_view, view_of
+
+if TYPE_CHECKING:
+    from .session import Session
+
+SOURCE_NAME = "source"
+
+
+@dataclass(frozen=True, eq=False)
+class Opened:
+    """A project that was read, ready to be shown.
+
+    Attributes
+    ----------
+    path : Path
+    atlas : Atlas
+        With its annotations.
+    pipeline : Pipeline
+        Whose steps are done, with the parameters of the atlas.
+    source : LayerSource
+        What was unwrapped.
+    source_layer : LayerData
+        The layer that shows it.
+    layers : list of LayerData
+        Of every chart.
+    view : mapping
+        What the window looked like.
+    """
+
+    path: Path
+    atlas: Atlas
+    pipeline: Pipeline
+    source: LayerSource
+    source_layer: LayerData
+    layers: list[LayerData]
+    view: Mapping[str, Any]
+
+
+def read_opened(path: str | Path) -> Opened:
+    """Read a project and make its layers: what takes long, to be done in a thread.
+
+    Raises
+    ------
+    Unwrap3DError
+        As :func:`napari_unwrap3d.load`.
+    """
+    atlas = load_project(path)
+    source = load_source(path)
+    view = read_summary(path)["view"]
+    data = _as_layer_holds(atlas.mask if source is None else source)
+    atlas = _of_source(atlas, data)
+    origin = _origin(view)
+    known = view.get(SOURCE_NAME)
+    name = str(known.get("name", "")) if isinstance(known, dict) else ""
+    charts = atlas_charts(atlas)
+    labels = isinstance(data, Stack) and atlas.parameters.stack.label is not None
+    layer = source_layer(data, name or Path(path).stem, origin, labels=labels)
+    layout = Layout.of(charts, origin)
+    layers = [each for name in reversed(charts) for each in chart_layers(name, charts, layout)]
+    pipeline = Pipeline.resumed(atlas, data)
+    return Opened(Path(path), atlas, pipeline, LayerSource(data, origin), layer, layers, view)
+
+
+def _as_layer_holds(source: Source) -> Source:
+    """What a layer of a source gives back: napari keeps meshes in single precision."""
+    if not isinstance(source, Surface):
+        return source
+    return Surface(source.vertices.astype(np.float32).astype(np.float64), source.faces)
+
+
+def _of_source(atlas: Atlas, source: Source) -> Atlas:
+    """The atlas with parameters for the source as it was kept: without a t axis."""
+    if not isinstance(source, Stack) or "t" in source.axes or not atlas.parameters.stack.timepoint:
+        return atlas
+    groups = atlas.parameters.model_dump()
+    groups["stack"]["timepoint"] = 0
+    return atlas.replaced(parameters=Parameters.from_dict(groups))
+
+
+def _origin(view: Mapping[str, Any]) -> Size3:
+    """Where the source lay, (z, y, x) in µm; zero unless the file says something sensible."""
+    known = view.get(SOURCE_NAME)
+    given = known.get("origin_um", ()) if isinstance(known, dict) else ()
+    try:
+        z, y, x = np.asarray(given, dtype=np.float64).tolist()
+    except (ValueError, TypeError):
+        return (0.0, 0.0, 0.0)
+    return (z, y, x) if np.isfinite((z, y, x)).all() else (0.0, 0.0, 0.0)
+
+
+def source_layer(
+    source: Source, name: str, origin: Size3 = (0.0, 0.0, 0.0), *, labels: bool = False
+) -> LayerData:
+    """The layer that shows a source, and of which it can be unwrapped again.
+
+    Parameters
+    ----------
+    source : Stack, Mask or Surface
+    name : str
+    origin : (float, float, float)
+        Where it lies, (z, y, x) in µm.
+    labels : bool
+        Whether a stack is a label image.
+    """
+    attributes: dict[str, Any] = {"name": name, "visible": False}
+    if isinstance(source, Surface):
+        data, mesh, kind = mesh_layer(source, name)
+        return data, {**mesh, **attributes, "translate": origin}, kind
+    extra = len(source.axes) - 3 if isinstance(source, Stack) else 0
+    place = np.add(source.origin, origin) if isinstance(source, Mask) else origin
+    attributes |= {
+        "scale": (*(1.0,) * extra, *source.voxel_size),
+        "translate": (*(0.0,) * extra, *place),
+        "units": (*("pixel",) * extra, *(UNIT,) * 3),
+        "axis_labels": tuple(source.axes) if isinstance(source, Stack) else SPACE,
+    }
+    return source.data, attributes, "labels" if labels else "image"
+
+
+def open_project(viewer: Any, path: str | Path) -> None:
+    """Open a project in a window: the same layers, views, annotations and states of the steps.
+
+    It is read in a thread; what is wrong with it is shown as a notification.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+    path : path
+        A ``*.unwrap3d`` file.
+    """
+    from .wizard import open_wizard
+
+    viewer = getattr(viewer, "__wrapped__", viewer)
+    session = session_of(viewer)
+    if session.running:
+        raise Unwrap3DError("A run is in progress.", hint="Cancel it, then open the project.")
+    open_wizard(viewer)
+    canvas_of(viewer)
+    session.told.emit(f"Opening {Path(path).name} …")
+    task = Task(read_opened, path)
+    task.returned.connect(partial(_show, weakref.ref(viewer)))
+    task.failed.connect(partial(_not_opened, weakref.ref(viewer)))
+    session.opening = task
+    task.start()
+
+
+def _show(viewer: weakref.ref[Any], opened: Opened) -> None:
+    from napari.layers import Layer
+
+    there = viewer()
+    if there is None:
+        return
+    session = session_of(there)
+    layer = Layer.create(*opened.source_layer)
+    there.layers.append(layer)
+    known = Known(opened.pipeline, fingerprint(opened.source), dict(atlas_charts(opened.atlas)))
+    session.adopt(known, opened.atlas, layer, opened.layers)
+    session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
+    session.later(_look(viewer, opened))
+
+
+def _look(viewer: weakref.ref[Any], opened: Opened) -> Iterator[None]:
+    """When everything is there: make the window look as it did."""
+    there = viewer()
+    if there is not None:
+        if opened.atlas.annotated is not None and opened.atlas.annotations.names:
+            annotating_of(there)
+        show_view(there, opened.view)
+        autosave_of(there).opened(opened.path)
+        session_of(there).told.emit(f"Opened {opened.path.name}.")
+    yield
+
+
+def _not_opened(viewer: weakref.ref[Any], error: BaseException) -> None:
+    there = viewer()
+    if there is not None:
+        session_of(there).told.emit("")
+    tell(error)
+
+
+_AUTOSAVES: weakref.WeakKeyDictionary[Any, Autosave] = weakref.WeakKeyDictionary()
+
+
+def autosave_of(viewer: Any) -> Autosave:
+    """What saves the annotations of a viewer by itself; made when it is first asked for."""
+    viewer = getattr(viewer, "__wrapped__", viewer)
+    if viewer not in _AUTOSAVES:
+        session, there = session_of(viewer), weakref.ref(viewer)
+        _AUTOSAVES[viewer] = Autosave(session, lambda path: saving(session, there(), path))
+    return _AUTOSAVES[viewer]
+
+
+def saving(session: Session, viewer: Any, path: str | Path) -> Callable[[], Path]:
+    """What saves the cell of a session, to be called in a thread; its state is taken now.
+
+    Parameters
+    ----------
+    session : Session
+        With an atlas.
+    viewer : napari.Viewer
+    path : path
+    """
+    atlas = session.atlas
+    assert atlas is not None
+    annotated = atlas.annotated
+    state = None if annotated is None else annotated.state()
+    source, view = session.run_source, project_view(session, viewer)
+
+    def save() -> Path:
+        return save_project(atlas, path, annotations=state, view=view, source=source)
+
+    return save
+
+
+def project_view(session: Session, viewer: Any) -> dict[str, Any]:
+    """What the window looks like, and where the source lies in it."""
+    layer = session.source
+    origin = session.run_origin
+    name = "" if layer is None else str(layer.name)
+    return {**view_of(viewer), SOURCE_NAME: {"name": name, "origin_um": list(origin)}}
