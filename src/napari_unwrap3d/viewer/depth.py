@@ -84,6 +84,11 @@ class DepthBar(QWidget):
         there = atlas is not None and atlas.has("topography")
         return atlas.topography.d_um if atlas is not None and there else np.zeros(0)
 
+    @property
+    def busy(self) -> bool:
+        """Whether a signal is being carried."""
+        return self._task is not None
+
     def set_depth(self, d_um: float) -> None:
         """Show the slice at a depth in µm."""
         self.mode.setCurrentText(SLICE)
