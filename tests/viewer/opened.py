@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import Any
 
 import numpy as np
@@ -13,32 +14,39 @@ from napari_unwrap3d.viewer.canvas import UnwrappedCanvas, canvas_of
 from napari_unwrap3d.viewer.computing import Known
 from napari_unwrap3d.viewer.layers import Layout, atlas_charts, chart_layers
 from napari_unwrap3d.viewer.session import session_of
-from synthetic import VOXEL
 
 SECONDS = 20_000
 
 
 def ramp_stack(atlas: Atlas) -> Stack:
-    """Two channels on the grid of the mask: twenty times z in µm, and then y."""
-    shape = atlas.mask.shape
-    z = np.broadcast_to(20 * VOXEL * np.arange(shape[0])[:, None, None], shape)
-    return Stack(
-        np.stack([z, z.transpose(1, 0, 2)]).astype(np.uint16),
-        "czyx",
-        (VOXEL,) * 3,
-        channels=("actin", "septin"),
-    )
+    """Two channels from the corner at zero: ten times the number of the z slice, and of y."""
+    reach = np.subtract(atlas.mask.shape, atlas.mask.to_index(np.zeros(3)))
+    z, y, _ = np.indices(np.ceil(reach).astype(int))
+    ramps = np.stack([10 * z, 10 * y]).astype(np.uint16)
+    return Stack(ramps, "czyx", atlas.mask.voxel_size, channels=("actin", "septin"))
 
 
-def open_atlas(viewer: Any, atlas: Atlas, qtbot: Any, source: Any = None) -> UnwrappedCanvas:
-    """Do what the end of a run does; returns the second canvas when everything is drawn."""
+def open_atlas(
+    viewer: Any,
+    atlas: Atlas,
+    qtbot: Any,
+    source: Any = None,
+    names: Collection[str] = ("surface", "uv", "topography"),
+) -> UnwrappedCanvas:
+    """Do what the end of a run does; returns the second canvas when everything is drawn.
+
+    Parameters
+    ----------
+    names : collection of str
+        The layers that are shown; napari needs a quarter of a second for each.
+    """
     session = session_of(viewer)
     session._known = Known(Pipeline(atlas.mask if source is None else source), ())
     session._turn_to_3d = session._fit_at_end = True
     charts = atlas_charts(atlas)
     layout = Layout.of(charts)
     layers = [layer for name in reversed(charts) for layer in chart_layers(name, charts, layout)]
-    for _ in session._place(layers):
+    for _ in session._place([each for each in layers if each[1]["name"] in names]):
         pass
     session._finish(atlas)
     canvas = canvas_of(viewer)

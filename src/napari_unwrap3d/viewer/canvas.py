@@ -204,6 +204,7 @@ class UnwrappedCanvas(QWidget):
         for event in (layers.inserted, layers.removed, layers.reordered):
             event.connect(self._list_later)
         self.model.canvas.events.size.connect(self._on_resized)
+        self.model.dims.events.ndisplay.connect(self._on_ndisplay)
         self.notice.pressed.connect(self._on_notice)
         self.requested.changed.connect(self._update)
         self.requested.computed.connect(self._on_computed)
@@ -346,6 +347,10 @@ class UnwrappedCanvas(QWidget):
     def _fit_again(self) -> None:
         if self._view.fitted:
             self.fit()
+
+    def _on_ndisplay(self, _: Any = None) -> None:
+        """The shortcut for 3D is for the other canvas."""
+        self.model.dims.ndisplay = 2
 
     def _on_resized(self, _: Any = None) -> None:
         # Later, because napari still adapts its own zoom to the size.

@@ -166,8 +166,9 @@ class Colouring(QObject):
         self._task = Task(_values_everywhere, fields, name)
         self._task.returned.connect(self._on_values)
         self._task.failed.connect(self._on_failed)
-        self._task.start()
+        # Before the start: what is known already comes back within it.
         self.working.emit(True)
+        self._task.start()
 
     def _on_values(self, computed: tuple[Fields, str]) -> None:
         self._task = None

@@ -50,7 +50,8 @@ class Lighting(QObject):
         if str(camera.orientation[0]) != "away":
             return
         view, up = np.array(camera.view_direction[::-1]), np.array(camera.up_direction[::-1])
-        light = view - up - np.cross(up, view)
+        # From above the left shoulder, but mostly from the front.
+        light = 2 * view - up - np.cross(up, view)
         visuals = viewer.window._qt_viewer.canvas.layer_to_visual
         for layer in viewer.layers:
             if KEY in layer.metadata and type(layer).__name__ == "Surface" and layer in visuals:
