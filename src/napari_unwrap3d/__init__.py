@@ -9,6 +9,7 @@ The public API in one screen::
     points, valid = atlas.map(points, "surface", "uv")
     values = atlas.carry(values, "uv", "surface", kind="label")
     signal = unwrap3d.sample_signal(stack, atlas, channel=1)    # one value per vertex
+    atlas.annotations.add("cell bottom")                        # drawn on one chart, on all
     atlas.save("cell.unwrap3d")
 """
 
@@ -37,6 +38,8 @@ if TYPE_CHECKING:
         Topography,
         Volume,
     )
+    from .files.annotation_export import export_annotations
+    from .files.autosave import save_annotations
     from .files.meshes import read_mesh
     from .files.stacks import read_stack
     from .geometry.compare import compare_meshes
@@ -62,6 +65,8 @@ _LAZY = {
     "Topography": "charts",
     "UV": "charts",
     "Volume": "charts",
+    "export_annotations": "files.annotation_export",
+    "save_annotations": "files.autosave",
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
     "compare_meshes": "geometry.compare",
@@ -92,10 +97,12 @@ __all__ = [
     "Volume",
     "__version__",
     "compare_meshes",
+    "export_annotations",
     "load",
     "read_mesh",
     "read_stack",
     "sample_signal",
+    "save_annotations",
     "simulate",
     "unwrap",
     "uv_views",

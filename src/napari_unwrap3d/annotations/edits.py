@@ -55,6 +55,10 @@ class Delta:
         differs = before != after
         return cls(index[differs], before[differs], after[differs])
 
+    @property
+    def nbytes(self) -> int:
+        return self.index.nbytes + self.before.nbytes + self.after.nbytes
+
     def apply(self, layer: Layer, *, forward: bool) -> Ints:
         """Paint one or the other, and return where that changes what shows."""
         return layer.paint(self.index, self.after if forward else self.before)
@@ -77,6 +81,10 @@ class Painting:
     image: Delta | None
     uv: Callable[[], Owners]
     dirty: Dirty
+
+    @property
+    def nbytes(self) -> int:
+        return self.surface.nbytes + (self.image.nbytes if self.image is not None else 0)
 
     def apply(self, *, forward: bool) -> None:
         annotation, pixels = self.annotation, NOTHING
@@ -103,6 +111,7 @@ class Setting:
     put: Callable[[Any], None]
     before: Any
     after: Any
+    nbytes: int = 0
 
     def apply(self, *, forward: bool) -> None:
         self.put(self.after if forward else self.before)

@@ -7,11 +7,16 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
 
-STEPS_KEPT = 200
+# What was done before is forgotten.
+STEPS_KEPT, BYTES_KEPT = 200, 256 * 2**20
 
 
 class Edit(Protocol):
     """What was changed, which can be taken back and made again."""
+
+    @property
+    def nbytes(self) -> int:
+        """What keeping it costs."""
 
     def apply(self, *, forward: bool) -> None:
         """Make the change again (forward), or take it back."""
@@ -55,6 +60,14 @@ class History:
             if self._depth == 0 and self._open:
                 self._done.append(tuple(self._open))
                 self._open = []
+                self._forget()
+
+    def _forget(self) -> None:
+        """Let go of the oldest strokes, but never of the last one."""
+        sizes = [sum(edit.nbytes for edit in stroke) for stroke in self._done]
+        while len(sizes) > 1 and sum(sizes) > BYTES_KEPT:
+            self._done.popleft()
+            sizes.pop(0)
 
     def record(self, edit: Edit) -> None:
         """Keep an edit that was made; what was undone before cannot be redone any more."""

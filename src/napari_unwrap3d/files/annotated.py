@@ -87,17 +87,17 @@ def read_annotations(group: Any, charts: Mapping[str, Any], report: Progress) ->
     """
     attributes = from_plain(group.attrs.asdict())
     described = attributes["annotations"]
+    flags = [part["has_image"] for part in described]
+    _require(all(type(flag) is bool for flag in flags), "It is not said what was drawn in uv")
     expected = {f"labels_{i}" for i in range(len(described))}
-    expected |= {f"image_{i}" for i, part in enumerate(described) if part["has_image"]}
+    expected |= {f"image_{i}" for i, flag in enumerate(flags) if flag}
     _require(set(group) == expected, "Labels are missing, or belong to no annotation")
     try:
         drawn = [
             Drawn(
                 checked_name(part["name"]),
                 _labels(group[f"labels_{i}"], _vertices(charts), report),
-                _labels(group[f"image_{i}"], _pixels(charts), report)
-                if part["has_image"]
-                else None,
+                _labels(group[f"image_{i}"], _pixels(charts), report) if flags[i] else None,
                 tuple(_shape(shape, charts) for shape in part["shapes"]),
                 checked_colours({label: tuple(colour) for label, *colour in part["colours"]}),
             )

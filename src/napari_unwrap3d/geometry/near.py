@@ -34,7 +34,7 @@ def nearest_vertices(
     shape : tuple of int
         Of the grid.
     reach : float
-        How far from a face's plane a node may lie.
+        How far from a face a node may lie, to within the face's own size.
     margin : tuple of int
         How many nodes beyond the box around a face it may lie, for every axis.
     positions : ndarray, (*shape, 3), optional
@@ -82,6 +82,11 @@ def _visit(  # type: ignore[no-untyped-def]
         limit = reach * np.sqrt(nz * nz + ny * ny + nx * nx)
         if limit == 0.0:
             continue
+        # Nowhere is a triangle farther from its corners than its longest edge over √3.
+        longest = (az - bz) ** 2 + (ay - by) ** 2 + (ax - bx) ** 2
+        longest = max(longest, (bz - cz) ** 2 + (by - cy) ** 2 + (bx - cx) ** 2)
+        longest = max(longest, (cz - az) ** 2 + (cy - ay) ** 2 + (cx - ax) ** 2)
+        farthest = reach * reach + longest / 3.0
         _box(index, a, b, c, shape, periodic, low, high)
         first_j = max(int(np.ceil(low[1] - margin[1])), 0)
         last_j = min(int(np.floor(high[1] + margin[1])), shape[1] - 1)
@@ -112,6 +117,8 @@ def _visit(  # type: ignore[no-untyped-def]
                         nearest, squared = b, to_b
                     if to_c < squared:
                         nearest, squared = c, to_c
+                    if squared > farthest:
+                        continue
                     if owner[i, j, k] == 0 or squared < best[i, j, k]:
                         owner[i, j, k] = nearest + 1
                         best[i, j, k] = squared
