@@ -204,9 +204,21 @@ class Fields:
             self._values[key] = np.ascontiguousarray(found, dtype=np.float32)
         return self._values[key]
 
+    def reachable(self, name: str, chart: str) -> bool:
+        """Whether the atlas has what is needed to carry a field to a chart."""
+        atlas, home = self.atlas, self.field(name).home
+        while chart != home:
+            nearer = _nearer(chart, home)
+            over = {chart, nearer} == {"surface", "uv"}
+            if not atlas.has(chart) or (over and not atlas.has("topography")):
+                return False
+            chart = nearer
+        return atlas.has(home)
+
     def colours(self, name: str) -> Colours:
         """Colormap and limits, the same on every chart: those of the surface's values."""
-        return colours_of(name, self.values(name, "surface"))
+        chart = "surface" if self.reachable(name, "surface") else self.field(name).home
+        return colours_of(name, self.values(name, chart))
 
     def at(self, name: str, corners: npt.NDArray[np.integer], weights: Floats) -> float | None:
         """The value at a place on the surface; None before the field's values are known.

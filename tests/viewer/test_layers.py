@@ -33,21 +33,19 @@ NAMES = {
     "reference",
     "sphere",
     "sphere (conformal)",
-    "uv: mean curvature",
-    "uv: reference curvature",
-    "uv: height",
-    "uv: conformal error",
-    "uv: area distortion",
-    "uv: pixel area",
     "topographic surface",
-    "topography: mask",
     "surface from topography",
 }
+UNWRAPPED = {"uv", "topography"}
 
 
 @pytest.fixture(scope="module")
 def layers(round_cell: Atlas) -> dict[str, Layer]:
-    made = [Layer.create(*layer) for layer in atlas_layers(round_cell)]
+    made = [
+        Layer.create(*layer)
+        for unwrapped in (False, True)
+        for layer in atlas_layers(round_cell, unwrapped=unwrapped)
+    ]
     return {layer.name: layer for layer in made}
 
 
@@ -57,13 +55,15 @@ def world(layer: Layer, points: Any) -> np.ndarray:
 
 
 def test_every_chart_has_its_layers(round_cell: Atlas, layers: dict[str, Layer]) -> None:
-    assert set(layers) == NAMES
-    assert len(atlas_layers(round_cell)) == len(NAMES)
+    assert set(layers) == NAMES | UNWRAPPED
+    assert {a["name"] for _, a, _ in atlas_layers(round_cell)} == NAMES
+    assert {a["name"] for _, a, _ in atlas_layers(round_cell, unwrapped=True)} == UNWRAPPED
 
 
 def test_layers_say_their_units_axes_and_chart(layers: dict[str, Layer]) -> None:
     for layer in layers.values():
-        assert {str(unit) for unit in layer.units} == {"micrometer"}
+        unit = "pixel" if layer.name in UNWRAPPED else "micrometer"
+        assert {str(each) for each in layer.units} == {unit}
         assert layer.axis_labels in [("z", "y", "x"), ("v", "u"), ("d", "v", "u")]
         assert layer.metadata[KEY]["layer"] == layer.name
         assert layer.metadata[KEY]["chart"] in atlas_charts_of(layers)
@@ -100,24 +100,35 @@ def test_the_sphere_has_the_radius_of_the_reference(layers: dict[str, Layer]) ->
     np.testing.assert_allclose(radii, RADIUS, rtol=0.02)
 
 
-def test_uv_and_topography_are_as_wide_as_the_equator(layers: dict[str, Layer]) -> None:
-    uv, flat = layers["uv: mean curvature"], layers["topographic surface"]
-    rows, columns = uv.data.shape
-    assert uv.scale[1] * columns == pytest.approx(2 * np.pi * RADIUS, rel=0.02)
-    assert uv.scale[0] * rows == pytest.approx(np.pi * RADIUS, rel=0.02)
-    np.testing.assert_allclose(flat.scale[1:], uv.scale)
+def test_the_topographic_surface_is_as_wide_as_the_equator(
+    round_cell: Atlas, layers: dict[str, Layer]
+) -> None:
+    flat = layers["topographic surface"]
+    rows, columns = round_cell.uv.shape
+    assert flat.scale[2] * columns == pytest.approx(2 * np.pi * RADIUS, rel=0.02)
+    assert flat.scale[1] * rows == pytest.approx(np.pi * RADIUS, rel=0.02)
     assert flat.scale[0] == 1.0
 
 
-def test_topographic_surface_and_mask_lie_together(
+def test_unwrapped_charts_lie_at_zero_in_pixels(
     round_cell: Atlas, layers: dict[str, Layer]
 ) -> None:
-    flat, mask = layers["topographic surface"], layers["topography: mask"]
-    v, u = 20, 7
-    d = round_cell.topography.d_um
-    np.testing.assert_allclose(
-        world(flat, [d[5], v, u]), world(mask, [5, v, u]), err_msg="the same node"
-    )
+    for name in UNWRAPPED:
+        layer = layers[name]
+        index = np.array([5, 20, 7])[-layer.ndim :]
+        np.testing.assert_array_equal(world(layer, index), index)
+    topography = layers["topography"]
+    np.testing.assert_array_equal(topography.data != 0, round_cell.topography.mask)
+
+
+def test_layers_say_where_their_values_are(round_cell: Atlas, layers: dict[str, Layer]) -> None:
+    for name, chart in (("surface", "surface"), ("sphere", "sphere"), ("uv", "uv")):
+        assert layers[name].metadata[KEY]["values_on"] == chart
+    for name in ("mask", "topography", "surface from topography"):
+        assert "values_on" not in layers[name].metadata[KEY]
+    flat = layers["topographic surface"]
+    vertices = flat.metadata[KEY]["vertices"]
+    np.testing.assert_allclose(flat.data[0], round_cell.topography.surface[vertices], rtol=1e-6)
 
 
 def test_fields_colour_the_layers(round_cell: Atlas, layers: dict[str, Layer]) -> None:
@@ -125,7 +136,8 @@ def test_fields_colour_the_layers(round_cell: Atlas, layers: dict[str, Layer]) -
     np.testing.assert_allclose(layers["surface"].data[2], curvature, rtol=1e-6)
     low, high = layers["surface"].contrast_limits
     assert low == pytest.approx(-high)
-    assert layers["uv: conformal error"].contrast_limits[0] == 1.0
+    image = round_cell.uv.fields["surface_mean_curvature_per_um"]
+    np.testing.assert_allclose(layers["uv"].data, image, rtol=1e-6)
     assert set(layers["surface"].features) == set(round_cell.surface.fields)
     assert list(layers["sealed places"].features["kind"]) == ["handle"]
 
@@ -136,8 +148,8 @@ def test_only_one_layer_per_place_is_visible(layers: dict[str, Layer]) -> None:
         "surface",
         "sealed places",
         "sphere",
-        "uv: mean curvature",
-        "topographic surface",
+        "uv",
+        "topography",
     }
 
 
@@ -182,7 +194,6 @@ def test_no_chart_covers_another(
     areas = [
         box[:, 1:],
         np.array([[y - radius, x - radius], [y + radius, x + radius]]),
-        np.array([layout.uv, layout.uv + extent]),
         np.array([layout.topography[1:], layout.topography[1:] + extent]),
     ]
     for i, first in enumerate(areas):

@@ -31,11 +31,11 @@ def show(viewer: ViewerModel, atlas: Atlas, name: str, chart: object = None) -> 
 def test_later_charts_go_below_earlier_ones_and_above_the_stack(
     viewer: ViewerModel, round_cell: Atlas
 ) -> None:
-    for name in ("surface", "sealed", "uv"):
+    for name in ("surface", "sealed", "sphere"):
         show(viewer, round_cell, name)
     names = [layer.name for layer in viewer.layers]
     assert names[0] == "stack"
-    assert names[-4:] == ["uv: mean curvature", "sealed surface", "sealed places", "surface"]
+    assert names[-4:] == ["sphere", "sealed surface", "sealed places", "surface"]
     assert viewer.layers.selection.active.name == "stack"
 
 

@@ -30,7 +30,7 @@ from qtpy.QtWidgets import (
 from .layers import UNWRAPPED, LayerData
 from .notice import Notice, small_button
 from .placing import chart_of, placing
-from .threads import Task
+from .requested import MEANINGS, RequestedCharts
 
 if TYPE_CHECKING:
     from napari.layers import Layer
@@ -40,13 +40,6 @@ if TYPE_CHECKING:
 
 DOCK_NAME = "Unwrapped"
 TITLES = {"uv": "uv", "direct": "Direct", "plane": "Plane", "topography": "Topography"}
-MEANINGS = {
-    "uv": "The surface unwrapped through the reference: what lies outermost over each (v, u).",
-    "direct": "The surface unwrapped one to one: everything is seen, also under overhangs.",
-    "plane": "The topographic surface flattened to (u, v): everything is seen, one to one.",
-    "topography": "The space above and below the reference, slice by slice: (d, v, u).",
-}
-ON_REQUEST = ("direct", "plane")
 SHARE_OF_HEIGHT = 0.5
 MARGIN = 0.02
 MINIMUM_WIDTH = 420
@@ -66,8 +59,10 @@ pointer over the surface: the same place is marked here"""
 class _ChartView:
     """What a chart looked like when it was shown last."""
 
-    camera: tuple[float, ...] = ()
-    fitted: tuple[float, ...] = ()
+    center: Any = None
+    zoom: float = 1.0
+    # The whole image, until the user moves or zooms it.
+    fitted: bool = True
     active: Any = None
 
 
@@ -122,13 +117,12 @@ class UnwrappedCanvas(QWidget):
         # napari makes these when they are first read, which must be before there are layers.
         self.controls, self.layer_list = self.qt_viewer.controls, self.qt_viewer.layers
         self._shown = _Shown()
+        self._viewer = weakref.ref(viewer)
         self._layers: weakref.WeakKeyDictionary[Layer, _ChartLayer] = weakref.WeakKeyDictionary()
-        self._refused: dict[str, str] = {}
-        self._task: Task | None = None
-        self._computing = ""
+        self.requested = RequestedCharts(session, self)
         self._closed = False
         self._build(viewer)
-        self._connect()
+        self._connect(viewer)
         self._update()
 
     # Building ------------------------------------------------------------------
@@ -136,6 +130,7 @@ class UnwrappedCanvas(QWidget):
     def _build(self, viewer: Any) -> None:
         from .colouring import Colouring, ColouringBar
         from .depth import DepthBar
+        from .lighting import Lighting
         from .linking import LinkedCursor
 
         self.qt_viewer.canvas.native.setMinimumSize(160, 80)
@@ -166,6 +161,7 @@ class UnwrappedCanvas(QWidget):
         column.addWidget(splitter, 1)
         column.addWidget(self.status)
         self.cursor = LinkedCursor(viewer, self)
+        self._lighting = Lighting(viewer, self)
 
     def _header(self) -> QHBoxLayout:
         row = QHBoxLayout()
@@ -198,19 +194,28 @@ class UnwrappedCanvas(QWidget):
         tools.setVisible(False)
         return tools
 
-    def _connect(self) -> None:
+    def _connect(self, viewer: Any) -> None:
         self.session.finished.connect(self._on_atlas)
         self.session.steps_changed.connect(self._update)
+        viewer.events.theme.connect(self._on_theme)
+        self._on_theme()
         layers = self.model.layers.events
         layers.inserted.connect(self._on_inserted)
         for event in (layers.inserted, layers.removed, layers.reordered):
             event.connect(self._list_later)
         self.model.canvas.events.size.connect(self._on_resized)
         self.notice.pressed.connect(self._on_notice)
-        self._list_timer = QTimer(self)
-        self._list_timer.setSingleShot(True)
-        self._list_timer.setInterval(0)
-        self._list_timer.timeout.connect(self._update_list)
+        self.requested.changed.connect(self._update)
+        self.requested.computed.connect(self._on_computed)
+        self.model.mouse_wheel_callbacks.append(self._on_wheel)
+        self.model.mouse_drag_callbacks.append(self._on_drag)
+        self._list_timer = _soon(self, self._update_list)
+        self._fit_timer = _soon(self, self._fit_again)
+
+    def _on_theme(self, _: Any = None) -> None:
+        viewer = self._viewer()
+        if viewer is not None:
+            self.model.theme = viewer.theme
 
     # The chart ------------------------------------------------------------------
 
@@ -241,7 +246,7 @@ class UnwrappedCanvas(QWidget):
     def _leave(self) -> None:
         view = self._view
         view.active = self.model.layers.selection.active
-        view.camera = view.fitted if self._is_fitted() else self._camera()
+        view.center, view.zoom = self.model.scene.camera.center, self.model.scene.camera.zoom
         for layer in self._of_chart():
             self._layers[layer].visible = layer.visible
 
@@ -252,11 +257,10 @@ class UnwrappedCanvas(QWidget):
         view = self._view
         active = view.active if view.active in here else (here[0] if here else None)
         self.model.layers.selection.active = active
-        if view.camera == view.fitted:
+        if view.fitted:
             self.fit()
         else:
-            *center, zoom = view.camera
-            self.model.scene.camera.center, self.model.scene.camera.zoom = tuple(center), zoom
+            self.model.scene.camera.center, self.model.scene.camera.zoom = view.center, view.zoom
         self._list_later()
         self.chart_changed.emit(self.chart)
 
@@ -296,6 +300,8 @@ class UnwrappedCanvas(QWidget):
         """Show the images of charts in place of the old ones, one per step."""
         yield from placing(self.model, list(layers))
         self._update()
+        # An image may have another size now.
+        self._fit_timer.start()
 
     def show_tools(self, shown: bool = True) -> None:
         """Show the list and the controls of the layers beside the image."""
@@ -308,7 +314,7 @@ class UnwrappedCanvas(QWidget):
             self._layers[layer] = _ChartLayer(chart, layer.visible)
         if layer in self._layers and self._layers[layer].chart != self.chart:
             layer.visible = False
-        elif self._is_fitted():
+        elif self._view.fitted:
             self.fit()
 
     def _list_later(self, _: Any = None) -> None:
@@ -316,6 +322,9 @@ class UnwrappedCanvas(QWidget):
 
     def _update_list(self) -> None:
         """Hide the rows of the other charts' layers; the list is upside down."""
+        here, active = self._of_chart(), self.model.layers.selection.active
+        if here and (active is None or (active in self._layers and active not in here)):
+            self.model.layers.selection.active = here[0]
         for row, layer in enumerate(reversed(self.model.layers)):
             known = self._layers.get(layer)
             hidden = known is not None and known.chart != self.chart
@@ -325,24 +334,34 @@ class UnwrappedCanvas(QWidget):
 
     def fit(self) -> None:
         """Show the whole image, and keep doing so while the window changes its size."""
-        shown = [layer for layer in self._of_chart() if chart_of(layer)]
-        if shown:
-            self.model.fit_to_view(layers=shown, margin=MARGIN)
-        self._view.fitted = self._camera()
+        image = self.image(self.chart)
+        if image is not None:
+            # napari's own fit needs layers with as many axes as the viewer.
+            size = np.asarray(image.data.shape[-2:])
+            camera = self.model.scene.camera
+            camera.center = (0.0, *((size - 1) / 2))
+            camera.zoom = (1 - MARGIN) * float((np.asarray(self.model.canvas.size) / size).min())
+        self._view.fitted = True
 
-    def _camera(self) -> tuple[float, ...]:
-        """Centre and zoom."""
-        camera = self.model.scene.camera
-        return (*(float(x) for x in camera.center[-2:]), float(camera.zoom))
-
-    def _is_fitted(self) -> bool:
-        """Whether the user has left the view as it was fitted."""
-        fitted = self._view.fitted
-        return not fitted or np.allclose(fitted, self._camera(), rtol=1e-4, atol=1e-3)
+    def _fit_again(self) -> None:
+        if self._view.fitted:
+            self.fit()
 
     def _on_resized(self, _: Any = None) -> None:
-        if self._is_fitted():
-            self.fit()
+        # Later, because napari still adapts its own zoom to the size.
+        self._fit_timer.start()
+
+    def _on_wheel(self, *_: Any) -> None:
+        self._view.fitted = False
+
+    def _on_drag(self, _: Any, event: Any) -> Iterator[None]:
+        """A drag may move the image, or paint in it."""
+        center = self.model.scene.camera.center
+        yield
+        while event.type == "mouse_move":
+            yield
+        if self.model.scene.camera.center != center:
+            self._view.fitted = False
 
     def show_help(self) -> None:
         """Say which buttons and keys do what."""
@@ -355,34 +374,19 @@ class UnwrappedCanvas(QWidget):
 
     def compute(self, chart: str) -> None:
         """Compute direct or plane in a thread; it is shown when it is done."""
-        atlas = self.atlas
-        if atlas is None or self._task is not None:
-            return
-        self._computing = chart
-        self._task = Task(getattr, atlas, chart)
-        self._task.returned.connect(self._on_computed)
-        self._task.failed.connect(self._on_not_computed)
-        self._task.start()
-        self._update()
+        self.requested.compute(chart)
 
-    def _on_computed(self, _: Any) -> None:
-        self._task, self._computing = None, ""
+    def _on_computed(self, _: str) -> None:
         self.charts_changed.emit()
-        self._update()
-
-    def _on_not_computed(self, error: BaseException) -> None:
-        self._refused[self._computing] = str(error)
-        self._task, self._computing = None, ""
-        self._update()
 
     def _on_notice(self, chart: str) -> None:
-        if chart in self._refused:
+        if chart in self.requested.refused:
             self.show_chart("direct")
         else:
             self.compute(chart)
 
     def _on_atlas(self, _: Any) -> None:
-        self._refused.clear()
+        self.requested.forget()
         self.charts_changed.emit()
         self._update()
 
@@ -396,22 +400,7 @@ class UnwrappedCanvas(QWidget):
         self.pages.setCurrentIndex(0 if there else 1)
         self.fit_button.setEnabled(there)
         if not there:
-            self._explain()
-
-    def _explain(self) -> None:
-        chart, atlas = self.chart, self.atlas
-        if chart in ON_REQUEST and chart in self._refused:
-            refused = "" if chart == "direct" else "Show the direct chart"
-            self.notice.say(self._refused[chart], refused, chart)
-        elif chart == self._computing:
-            self.notice.wait(f"Computing the {chart} chart …")
-        elif chart in ON_REQUEST and atlas is not None and atlas.has("topography"):
-            if atlas.has(chart):
-                self.notice.wait("Drawing …")
-            else:
-                self.notice.say(f"{MEANINGS[chart]}\nIt takes a while.", "Compute", chart)
-        else:
-            self.notice.say(f"{MEANINGS[chart]}\nIt appears when its step has run.", "", chart)
+            self.requested.explain(self.chart, self.notice)
 
     # The end ----------------------------------------------------------------------
 
@@ -427,14 +416,32 @@ class UnwrappedCanvas(QWidget):
             return
         self._closed = True
         self._list_timer.stop()
+        self._fit_timer.stop()
         self.session.finished.disconnect(self._on_atlas)
         self.session.steps_changed.disconnect(self._update)
+        viewer = self._viewer()
+        if viewer is not None:
+            viewer.events.theme.disconnect(self._on_theme)
         self.cursor.close()
+        self._lighting.close()
         self.colouring.close()
         self.depth_bar.close_bar()
         self.model.layers.clear()
         self.qt_viewer.close()
         self.qt_viewer.deleteLater()
+        # Whoever still holds this widget must not hold napari's.
+        del self.qt_viewer, self.controls, self.layer_list, self.pages
+        if viewer is not None:
+            _CANVASES.pop(viewer, None)
+
+
+def _soon(parent: QObject, action: Any) -> QTimer:
+    """A timer whose start does an action once, in the next turn of the event loop."""
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(0)
+    timer.timeout.connect(action)
+    return timer
 
 
 _CANVASES: weakref.WeakKeyDictionary[Any, UnwrappedCanvas] = weakref.WeakKeyDictionary()

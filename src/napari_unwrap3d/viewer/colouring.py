@@ -9,18 +9,18 @@ import numpy as np
 import numpy.typing as npt
 from napari.utils.colormaps import AVAILABLE_COLORMAPS, ensure_colormap
 from qtpy.QtCore import QObject, QSize, Qt, Signal
-from qtpy.QtGui import QIcon, QImage, QPixmap
+from qtpy.QtGui import QDoubleValidator, QIcon, QImage, QPixmap
 from qtpy.QtWidgets import (
     QComboBox,
-    QDoubleSpinBox,
     QHBoxLayout,
     QLabel,
+    QLineEdit,
     QWidget,
 )
 
 from ..charts import Stack
 from ..errors import ChartMissingError
-from ..fields import CURVATURE, Colours, Fields, fields_of
+from ..fields import CHARTS, CURVATURE, Colours, Fields, fields_of
 from .layers import KEY, image_layer
 from .notice import small_button
 from .threads import Task, tell
@@ -36,6 +36,7 @@ COLORMAPS = ("coolwarm", "viridis", "magma", "gray", "inferno", "plasma", "turbo
 IMAGES = ("uv", "direct", "plane")
 BAR = (96, 12)
 ICON = QSize(40, 12)
+LIMIT_WIDTH = 58
 
 
 class Colouring(QObject):
@@ -76,6 +77,7 @@ class Colouring(QObject):
         self._chosen: dict[str, tuple[Any, tuple[float, float]]] = {}
         self._wanted = ""
         self._task: Task | None = None
+        self._again = False
         self._turns = Turns(self)
         self._setting = False
         self._linked: list[Layer] = []
@@ -108,9 +110,14 @@ class Colouring(QObject):
             self.limits = (float(low), float(high))
             self._recolour()
 
+    @property
+    def busy(self) -> bool:
+        """Whether values are being computed, or brought to the views."""
+        return self._task is not None or self._turns.busy
+
     def reset(self) -> None:
         """Back to the field's own colormap and limits."""
-        if self.fields is not None and self.fields.known(self.field, "surface"):
+        if self.fields is not None and self.field in self.fields.names:
             self._take(self.fields.colours(self.field))
             self._recolour()
 
@@ -143,8 +150,12 @@ class Colouring(QObject):
 
     def _compute(self) -> None:
         """Values of the wanted field on every chart that is there, then :meth:`_show`."""
-        if self._task is not None or self.fields is None:
+        if self.fields is None:
             return
+        if self._task is not None:
+            self._again = True
+            return
+        self._again = False
         name, fields = self._wanted, self.fields
         self._task = Task(_values_everywhere, fields, name)
         self._task.returned.connect(self._on_values)
@@ -155,7 +166,7 @@ class Colouring(QObject):
     def _on_values(self, computed: tuple[Fields, str]) -> None:
         self._task = None
         self.working.emit(False)
-        if self.fields is None or computed != (self.fields, self._wanted):
+        if self.fields is None or computed != (self.fields, self._wanted) or self._again:
             self._compute()
             return
         self.field = self._wanted
@@ -275,9 +286,8 @@ class Colouring(QObject):
 
 def _values_everywhere(fields: Fields, name: str) -> tuple[Fields, str]:
     """Compute a field on every chart of its atlas; runs in a thread."""
-    atlas = fields.atlas
-    for chart in ("surface", "sealed", "uv", "direct", "plane", "reference", "sphere"):
-        if atlas.has(chart):
+    for chart in CHARTS:
+        if fields.reachable(name, chart):
             fields.values(name, chart)
     return fields, name
 
@@ -296,8 +306,8 @@ class ColouringBar(QWidget):
         self._build()
         self.field_box.activated.connect(self._on_field)
         self.colormap_box.activated.connect(self._on_colormap)
-        self.low.valueChanged.connect(self._on_limits)
-        self.high.valueChanged.connect(self._on_limits)
+        self.low.editingFinished.connect(self._on_limits)
+        self.high.editingFinished.connect(self._on_limits)
         self.reset_button.clicked.connect(colouring.reset)
         colouring.listed.connect(self._list)
         colouring.changed.connect(self._update)
@@ -308,14 +318,12 @@ class ColouringBar(QWidget):
     def _build(self) -> None:
         self.field_box = QComboBox()
         self.field_box.setToolTip("Colours the 3D view and this one alike.")
-        self.field_box.setMinimumContentsLength(16)
+        self.field_box.setMinimumContentsLength(18)
         self.colormap_box = QComboBox()
-        self.colormap_box.setToolTip("Colormap of every view.")
         self.colormap_box.setIconSize(ICON)
-        self.colormap_box.setMinimumContentsLength(6)
         for name in COLORMAPS:
             if name in AVAILABLE_COLORMAPS or name == "coolwarm":
-                self.colormap_box.addItem(QIcon(_gradient(name, ICON.width())), name)
+                self._add_colormap(name)
         self.low, self.high = _limit_box("Lower limit."), _limit_box("Upper limit.")
         self.bar = QLabel()
         self.bar.setFixedSize(*BAR)
@@ -340,6 +348,12 @@ class ColouringBar(QWidget):
             row.addWidget(widget)
         row.addStretch(1)
 
+    def _add_colormap(self, name: str) -> None:
+        """A colormap is its picture; there is no room for its name."""
+        row = self.colormap_box.count()
+        self.colormap_box.addItem(QIcon(_gradient(name, ICON.width())), "", name)
+        self.colormap_box.setItemData(row, name, Qt.ItemDataRole.ToolTipRole)
+
     def _list(self) -> None:
         fields = self.colouring.fields
         self.field_box.clear()
@@ -353,17 +367,14 @@ class ColouringBar(QWidget):
         colouring = self.colouring
         self.field_box.setCurrentIndex(self.field_box.findData(colouring.field))
         name = colouring.colormap.name
-        if self.colormap_box.findText(name) < 0:
-            self.colormap_box.addItem(QIcon(_gradient(name, ICON.width())), name)
-        self.colormap_box.setCurrentText(name)
+        if self.colormap_box.findData(name) < 0:
+            self._add_colormap(name)
+        self.colormap_box.setCurrentIndex(self.colormap_box.findData(name))
+        self.colormap_box.setToolTip(f"Colormap of every view: {name}.")
         low, high = colouring.limits
+        digits = _decimals(high - low)
         for box, value in ((self.low, low), (self.high, high)):
-            box.blockSignals(True)
-            box.setSingleStep((high - low) / 50)
-            box.setDecimals(_decimals(high - low))
-            if abs(box.value() - value) > 0.5 * 10.0 ** -box.decimals():
-                box.setValue(value)
-            box.blockSignals(False)
+            box.setText(f"{value:.{digits}f}")
         self.bar.setPixmap(_gradient(colouring.colormap, BAR[0]))
         fields = colouring.fields
         known = fields is not None and colouring.field in fields.names
@@ -377,22 +388,29 @@ class ColouringBar(QWidget):
             tell(error)
 
     def _on_colormap(self, index: int) -> None:
-        self.colouring.set_colormap(self.colormap_box.itemText(index))
+        self.colouring.set_colormap(self.colormap_box.itemData(index))
 
-    def _on_limits(self, _: float) -> None:
-        self.colouring.set_limits(self.low.value(), self.high.value())
+    def _on_limits(self) -> None:
+        # Only what was edited: the texts are rounded.
+        old = self.colouring.limits
+        typed = [
+            float(box.text()) if box.isModified() and box.hasAcceptableInput() else value
+            for box, value in zip((self.low, self.high), old, strict=True)
+        ]
+        if typed[1] > typed[0]:
+            self.colouring.set_limits(*typed)
+        else:
+            self._update()
 
     def _on_working(self, working: bool) -> None:
         self.busy.setText("computing …" if working else "")
 
 
-def _limit_box(tip: str) -> QDoubleSpinBox:
-    box = QDoubleSpinBox()
-    box.setRange(-1e9, 1e9)
+def _limit_box(tip: str) -> QLineEdit:
+    box = QLineEdit()
     box.setToolTip(tip)
-    box.setButtonSymbols(QDoubleSpinBox.ButtonSymbols.NoButtons)
-    box.setKeyboardTracking(False)
-    box.setFixedWidth(56)
+    box.setValidator(QDoubleValidator(box))
+    box.setFixedWidth(LIMIT_WIDTH)
     box.setAlignment(Qt.AlignmentFlag.AlignRight)
     return box
 

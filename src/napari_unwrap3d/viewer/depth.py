@@ -40,6 +40,7 @@ class DepthBar(QWidget):
         self._contents: dict[str, npt.NDArray[Any]] = {}
         self._of: Atlas | None = None
         self._moving = False
+        self._range = (-1, -1)
         self._build()
         self.content.textActivated.connect(self.show_content)
         self.mode.currentTextChanged.connect(self._on_mode)
@@ -80,7 +81,13 @@ class DepthBar(QWidget):
     def d_um(self) -> npt.NDArray[np.floating]:
         """Depth of every layer in µm; empty before there is a topography."""
         atlas = self._canvas.atlas
-        return atlas.topography.d_um if atlas is not None else np.zeros(0)
+        there = atlas is not None and atlas.has("topography")
+        return atlas.topography.d_um if atlas is not None and there else np.zeros(0)
+
+    @property
+    def busy(self) -> bool:
+        """Whether a signal is being carried."""
+        return self._task is not None
 
     def set_depth(self, d_um: float) -> None:
         """Show the slice at a depth in µm."""
@@ -96,19 +103,25 @@ class DepthBar(QWidget):
         return int(np.argmin(np.abs(self.d_um - d_um)))
 
     def _on_inserted(self, _: Any = None) -> None:
+        self._update_range()
+
+    def _update_range(self) -> None:
+        """Fit the sliders to the layers that there are, starting at the reference."""
         image = self._canvas.image("topography")
-        if image is not None and self.slider.maximum() != len(image.data) - 1:
-            last = len(image.data) - 1
+        if image is None:
+            return
+        last = len(image.data) - 1
+        zero = self._layer(0.0) if len(self.d_um) == last + 1 else last // 2
+        known = (last, zero)
+        if known != self._range:
+            self._range = known
             self._moving = True
             for slider in (self.slider, self.range):
                 slider.setRange(0, last)
-            self.slider.setValue(self._start(last))
-            self.range.setValue((last // 3, last))
+            self.slider.setValue(zero)
+            self.range.setValue((zero, last))
             self._moving = False
-            self._apply()
-
-    def _start(self, last: int) -> int:
-        return self._layer(0.0) if len(self.d_um) == last + 1 else last // 2
+        self._apply()
 
     def _on_mode(self, _: str = "") -> None:
         self.sliders.setCurrentIndex(0 if self.mode.currentText() == SLICE else 1)
@@ -162,12 +175,13 @@ class DepthBar(QWidget):
         self.content.setEnabled(False)
         self.label.setText("carrying …")
         channel = channel_titles(stack).index(title)
-        self._task = Task(topography_signal, atlas, stack, channel)
-        self._task.returned.connect(lambda values: self._on_carried(atlas, title, values))
+        self._task = Task(_carried, atlas, stack, channel, title)
+        self._task.returned.connect(self._on_carried)
         self._task.failed.connect(self._on_failed)
         self._task.start()
 
-    def _on_carried(self, atlas: Atlas, title: str, values: npt.NDArray[Any]) -> None:
+    def _on_carried(self, carried: tuple[Atlas, str, npt.NDArray[Any]]) -> None:
+        atlas, title, values = carried
         self._task = None
         self.content.setEnabled(True)
         if atlas is self._of:
@@ -201,10 +215,8 @@ class DepthBar(QWidget):
         self.content.addItem(MASK)
         if stack is not None and atlas.parameters.stack.label is None:
             self.content.addItems(channel_titles(stack))
-        self._moving = True
-        self.slider.setValue(self._start(self.slider.maximum()))
-        self._moving = False
-        self._apply()
+        self._show(atlas.topography.mask)
+        self._update_range()
 
     def _stack(self) -> Stack | None:
         source = self._canvas.session.source
@@ -213,6 +225,13 @@ class DepthBar(QWidget):
     def close_bar(self) -> None:
         """Listen no longer."""
         self._canvas.session.finished.disconnect(self._on_atlas)
+
+
+def _carried(
+    atlas: Atlas, stack: Stack, channel: int, title: str
+) -> tuple[Atlas, str, npt.NDArray[Any]]:
+    """What comes back from the thread, with what it belongs to."""
+    return atlas, title, topography_signal(atlas, stack, channel)
 
 
 def _signed(d_um: float) -> str:

@@ -68,29 +68,32 @@ class LinkedCursor(QObject):
         if atlas.has("topography"):
             self._task = Task(_prepare, atlas)
             self._task.returned.connect(self._on_prepared)
-            self._task.failed.connect(tell)
+            self._task.failed.connect(self._on_failed)
             self._task.start()
 
     def _on_prepared(self, prepared: tuple[Places, dict[str, _Mesh]]) -> None:
         if prepared[0].atlas is self._canvas.atlas:
             self._places, self._pickers = prepared
 
+    def _on_failed(self, error: BaseException) -> None:
+        tell(error)
+
     @property
     def ready(self) -> bool:
         """Whether a place can be found."""
-        return self._places is not None
+        return self._places is not None and self._places.atlas is self._canvas.atlas
 
     # The pointer ----------------------------------------------------------------
 
     def _on_move_unwrapped(self, _: Any, event: Any) -> None:
-        if self._places is None or not self._canvas.image(self._canvas.chart):
+        if self._places is None or not self.ready or not self._canvas.image(self._canvas.chart):
             return
         count = 3 if self._canvas.chart == "topography" else 2
         point = np.asarray(event.position, dtype=float)[-count:]
         self.show(self._places.at_pixel(self._canvas.chart, point))
 
     def _on_move_3d(self, viewer: Any, event: Any) -> None:
-        if self._places is None or viewer.dims.ndisplay != 3:
+        if not self.ready or viewer.dims.ndisplay != 3:
             return
         self.show(self._pick(viewer, event))
 

@@ -23,6 +23,11 @@ class Turns(QObject):
         self._work.append(work)
         self._timer.start()
 
+    @property
+    def busy(self) -> bool:
+        """Whether something is still to be done."""
+        return bool(self._work)
+
     def clear(self) -> None:
         """Forget what was not done yet."""
         self._work.clear()

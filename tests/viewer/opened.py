@@ -1,0 +1,61 @@
+"""A window that shows an atlas, without a run of the pipeline."""
+
+from __future__ import annotations
+
+from collections.abc import Collection
+from typing import Any
+
+import numpy as np
+
+from napari_unwrap3d.atlas import Atlas
+from napari_unwrap3d.charts import Stack
+from napari_unwrap3d.pipeline import Pipeline
+from napari_unwrap3d.viewer.canvas import UnwrappedCanvas, canvas_of
+from napari_unwrap3d.viewer.computing import Known
+from napari_unwrap3d.viewer.layers import Layout, atlas_charts, chart_layers
+from napari_unwrap3d.viewer.session import session_of
+
+SECONDS = 20_000
+
+
+def ramp_stack(atlas: Atlas) -> Stack:
+    """Two channels from the corner at zero: ten times the number of the z slice, and of y."""
+    reach = np.subtract(atlas.mask.shape, atlas.mask.to_index(np.zeros(3)))
+    z, y, _ = np.indices(np.ceil(reach).astype(int))
+    ramps = np.stack([10 * z, 10 * y]).astype(np.uint16)
+    return Stack(ramps, "czyx", atlas.mask.voxel_size, channels=("actin", "septin"))
+
+
+def open_atlas(
+    viewer: Any,
+    atlas: Atlas,
+    qtbot: Any,
+    source: Any = None,
+    names: Collection[str] = ("surface", "uv", "topography"),
+) -> UnwrappedCanvas:
+    """Do what the end of a run does; returns the second canvas when everything is drawn.
+
+    Parameters
+    ----------
+    names : collection of str
+        The layers that are shown; napari needs a quarter of a second for each.
+    """
+    session = session_of(viewer)
+    session._known = Known(Pipeline(atlas.mask if source is None else source), ())
+    session._turn_to_3d = session._fit_at_end = True
+    charts = atlas_charts(atlas)
+    layout = Layout.of(charts)
+    layers = [layer for name in reversed(charts) for layer in chart_layers(name, charts, layout)]
+    for _ in session._place([each for each in layers if each[1]["name"] in names]):
+        pass
+    session._finish(atlas)
+    canvas = canvas_of(viewer)
+    settle(canvas, qtbot)
+    qtbot.waitUntil(lambda: canvas.cursor.ready, timeout=SECONDS)
+    return canvas
+
+
+def settle(canvas: UnwrappedCanvas, qtbot: Any) -> None:
+    """Wait until the field is on every layer."""
+    colouring = canvas.colouring
+    qtbot.waitUntil(lambda: not colouring.busy, timeout=SECONDS)

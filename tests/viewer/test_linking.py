@@ -1,0 +1,123 @@
+"""The place under the pointer is marked and read out in both canvases."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QEvent, QPoint
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
+
+from napari_unwrap3d.atlas import Atlas
+from napari_unwrap3d.viewer.canvas import UnwrappedCanvas
+from napari_unwrap3d.viewer.showing import ShownBar
+from viewer.opened import SECONDS, open_atlas
+
+Window = tuple[Any, UnwrappedCanvas]
+
+
+@pytest.fixture
+def window(make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas) -> Window:
+    """The surface alone in 3D, and uv."""
+    viewer = make_napari_viewer(show=True)
+    names = ("surface", "reference", "sphere", "uv", "topography")
+    canvas = open_atlas(viewer, small_atlas, qtbot, names=names)
+    viewer.window._qt_window.findChild(ShownBar).show_alone("surface")
+    return viewer, canvas
+
+
+def to_screen(viewer: Any, qt_viewer: Any, world: Any) -> QPoint:
+    """Where a place (v, u), or one in 3D, is drawn in a canvas."""
+    view = qt_viewer.canvas.view
+    shown = np.asarray(world, dtype=float)[::-1]
+    x, y, _, w = view.scene.node_transform(view.canvas.scene).map(
+        [*shown, *[0] * (3 - len(shown)), 1]
+    )
+    return QPoint(round(x / w), round(y / w))
+
+
+def hover(qt_viewer: Any, point: QPoint, found: Any, qtbot: Any) -> None:
+    """Move the pointer until it has been noticed."""
+    native = qt_viewer.canvas.native
+    QTest.mouseMove(native, point + QPoint(3, 0))
+    QTest.mouseMove(native, point)
+    qtbot.waitUntil(found, timeout=SECONDS)
+
+
+def test_a_place_in_uv_is_marked_on_the_surface(
+    window: Window, qtbot: Any, small_atlas: Atlas
+) -> None:
+    viewer, canvas = window
+    cursor = canvas.cursor
+    before = [list(viewer.layers), list(canvas.model.layers), viewer.layers.selection.active]
+    target = np.array([20.0, 45.0])
+
+    def found() -> bool:
+        place = cursor.place
+        return place is not None and np.hypot(*(place.uv - target)) < 1
+
+    hover(canvas.qt_viewer, to_screen(viewer, canvas.qt_viewer, target), found, qtbot)
+    expected, _ = small_atlas.map([cursor.place.uv], "uv", "surface")
+    (mark,) = cursor.marks_3d.positions
+    assert np.linalg.norm(mark - expected[0]) < 1.5 * small_atlas.voxel_um
+    text = canvas.status.text()
+    assert "µm" in text
+    assert f"v {cursor.place.uv[0]:.0f}" in text
+    assert "Mean curvature" in text
+    viewer.layers["sphere"].visible = True
+    viewer.layers["reference"].visible = True
+    cursor.show(cursor.place)
+    assert len(cursor.marks_3d.positions) == 3
+    after = [list(viewer.layers), list(canvas.model.layers), viewer.layers.selection.active]
+    assert after == before, "marks are no layers"
+
+    QApplication.sendEvent(canvas.qt_viewer.canvas.native, QEvent(QEvent.Type.Leave))
+    qtbot.waitUntil(lambda: cursor.place is None, timeout=SECONDS)
+    assert not cursor.marks_3d.visible
+    assert not cursor.marks_unwrapped.visible
+    assert canvas.status.text() == ""
+
+
+def test_a_place_on_the_surface_is_marked_in_every_chart(
+    window: Window, qtbot: Any, small_atlas: Atlas
+) -> None:
+    viewer, canvas = window
+    cursor = canvas.cursor
+    surface = small_atlas.surface
+    # The vertex nearest to the viewer, who looks along z.
+    vertex = int(np.argmin(surface.vertices[:, 0]))
+    world = surface.vertices[vertex]
+    main = viewer.window._qt_viewer
+
+    def found() -> bool:
+        place = cursor.place
+        near = 3 * small_atlas.voxel_um
+        return place is not None and np.linalg.norm(place.position - world) < near
+
+    hover(main, to_screen(viewer, main, world), found, qtbot)
+    place = cursor.place
+    expected, _ = small_atlas.map([place.position], "surface", "uv")
+    (mark,) = cursor.marks_unwrapped.positions
+    np.testing.assert_allclose(mark[-2:], place.uv)
+    assert np.hypot(*(place.uv - expected[0])) < 1.5
+    canvas.show_chart("topography")
+    assert cursor.place is None, "the chart changed under the pointer"
+    cursor.show(place)
+    np.testing.assert_allclose(cursor.marks_unwrapped.positions[0][-2:], place.uv)
+    hover(main, QPoint(2, 2), lambda: cursor.place is None, qtbot)
+    assert not cursor.marks_unwrapped.visible
+
+
+def test_in_a_slice_only_a_place_in_it_is_marked(window: Window, small_atlas: Atlas) -> None:
+    viewer, canvas = window
+    cursor = canvas.cursor
+    place = cursor._places.at_pixel("uv", (20, 45))
+    viewer.dims.ndisplay = 2
+    viewer.dims.set_point(0, place.position[0])
+    cursor.show(place)
+    assert cursor.marks_3d.visible
+    viewer.dims.set_point(0, place.position[0] + 10 * small_atlas.voxel_um)
+    cursor.show(place)
+    assert not cursor.marks_3d.visible
