@@ -29,10 +29,11 @@ from common.results import Bar, Entries
 
 import napari_unwrap3d as unwrap3d
 
-LIMIT_S = 1800.0
+LIMIT_S, READY_S = 900.0, 120.0
 EVENTS = 200
 # A working voxel that gives the bleb cell 300 000 faces.
 FINER = 0.86
+PAUSE_S = 0.01
 BARS = {
     "views/paint-uv-to-surface": Bar(5.0, "CPU ms per event"),
     "views/paint-surface-to-uv": Bar(5.0, "CPU ms per event"),
@@ -96,6 +97,7 @@ class Strokes:
         from napari_unwrap3d.viewer.canvas import canvas_of
         from napari_unwrap3d.viewer.layers import atlas_layers, split_layers
         from napari_unwrap3d.viewer.placing import place_layers
+        from napari_unwrap3d.viewer.session import session_of
 
         self.own, self.picks = OwnTime(), OwnTime()
         self.own.watch(painting.SurfacePainter, "drag")
@@ -107,15 +109,19 @@ class Strokes:
         self.viewer = napari.Viewer(ndisplay=3)
         self.app = QApplication.instance()
         self.viewer.window.resize(1400, 1000)
-        own, unwrapped = split_layers(atlas_layers(atlas))
+        own, _ = split_layers(atlas_layers(atlas))
         shown = ("surface", "reference")
         place_layers(self.viewer, [each for each in own if each[1]["name"] in shown])
         self.canvas = canvas_of(self.viewer)
-        for _ in self.canvas.place(unwrapped):
-            pass
         self.annotating = annotating_of(self.viewer)
-        self.annotating.show(atlas, atlas.annotations)
+        session = session_of(self.viewer)
+        session.atlas = atlas
+        session.finished.emit(atlas)
         atlas.annotations.add("drawn")
+        self.natives = [
+            self.viewer.window._qt_viewer.canvas.native,
+            self.canvas.qt_viewer.canvas.native,
+        ]
         self.wait(self.ready)
         self.viewer.reset_view()
         self.wait(lambda: True)
@@ -130,7 +136,7 @@ class Strokes:
         )
 
     def wait(self, condition: Callable[[], bool]) -> None:
-        stop = time.monotonic() + LIMIT_S / 4
+        stop = time.monotonic() + READY_S
         while not condition():
             if time.monotonic() > stop:
                 raise TimeoutError("The window did not get ready.")
@@ -153,7 +159,8 @@ class Strokes:
             for t in turn
         ]
         left, none = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
-        canvas.setUpdatesEnabled(rendered)
+        for each in self.natives:
+            each.setUpdatesEnabled(rendered)
         QTest.mousePress(canvas, left, none, places[0])
         self.app.processEvents()
         self.own.take(), self.picks.take()
@@ -169,13 +176,16 @@ class Strokes:
                 none,
             )
             self.app.sendEvent(canvas, event)
-            # The timers of this event run in the next turns of the event loop.
+            # napari takes one event per some milliseconds; the timers of this one run in the
+            # next turns of the event loop.
             for _ in range(3):
+                time.sleep(PAUSE_S)
                 self.app.processEvents()
             whole.append(time.process_time() - begin)
             own.append(self.own.take())
         QTest.mouseRelease(canvas, left, none, places[-1])
-        canvas.setUpdatesEnabled(True)
+        for each in self.natives:
+            each.setUpdatesEnabled(True)
         self.wait(lambda: True)
         return own, whole
 
@@ -199,8 +209,7 @@ def run_once(project: str) -> dict[str, Any]:
     """Milliseconds of every stroke, in this process."""
     atlas = unwrap3d.load(project)
     strokes = Strokes(atlas)
-    main = strokes.viewer.window._qt_viewer.canvas.native
-    second = strokes.canvas.qt_viewer.canvas.native
+    main, second = strokes.natives
     found: dict[str, Any] = {"faces": len(atlas.surface.faces)}
     for name, canvas in (("surface-to-uv", main), ("uv-to-surface", second)):
         before = strokes.marked()
