@@ -69,9 +69,9 @@ class Previews(QObject):
 
     def _on_finished(self, atlas: Atlas) -> None:
         self._end_iteration(exact=True)
-        if atlas.has("sphere"):
+        if atlas.has("reference") and atlas.has("sphere"):
             self._keep_blend(atlas)
-        if atlas.has("reference"):
+        if atlas.has("sealed") and atlas.has("reference"):
             self._keep_flow(atlas)
 
     def _keep_blend(self, atlas: Atlas) -> None:
@@ -193,8 +193,9 @@ class Previews(QObject):
 
     def _on_charts(self, charts: dict[str, Any]) -> None:
         """The exact reference has come, or those of another cell."""
-        if self._layer is not None and charts.get("reference") is not self._reference:
-            self._end_iteration(exact=bool(charts))
+        new = "reference" in charts and charts["reference"] is not self._reference
+        if new or not charts:
+            self._end_iteration(exact=new)
 
     def _end_iteration(self, *, exact: bool) -> None:
         """Take the preview away; the exact reference takes its place, or what was there before."""

@@ -492,10 +492,10 @@ class Session(QObject):
         pipeline = None if self._known is None else self._known.pipeline
         self.steps = pipeline_states(pipeline, self._parameters, self.blocked())
         for step, problem in self._problems.items():
-            self.steps[step].state, self.steps[step].reason = NOT_READY, problem
+            self.steps[step] = StepState(NOT_READY, reason=problem)
         if self._failed is not None and self._failed[0] in self.steps:
             step, reason = self._failed
-            self.steps[step].state, self.steps[step].reason = FAILED, reason
+            self.steps[step] = StepState(FAILED, reason=reason)
         if running:
             self.steps[running].state = RUNNING
         self.steps_changed.emit()

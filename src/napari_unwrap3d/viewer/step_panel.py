@@ -225,7 +225,8 @@ class StepPanel(QFrame):
         self.mark.setStyleSheet(f"color: {colour}; font-size: 14px;")
         self.mark.setToolTip(meaning)
         done = step.state == DONE and step.seconds is not None
-        self.seconds.setText(f"{step.seconds:.1f} s" if done else "")
+        self.seconds.setText(f"{step.seconds:.1f} s" if done else step.brief)
+        self.seconds.setToolTip("" if done else step.reason)
         running = step.state == RUNNING
         if not running:
             self.status.setText(status_of(self.step, step))
@@ -239,6 +240,7 @@ class StepPanel(QFrame):
     def _on_running(self, running: bool) -> None:
         here = running and self.session.steps[self.step].state == RUNNING
         self.run_button.setVisible(not here)
+        self.seconds.setVisible(not here)
         self.cancel_button.setVisible(here)
         self.run_button.setEnabled(not running and not self.session.blocked())
         self._highlight(self.session.next_step() == self.step and not running)
@@ -270,10 +272,12 @@ class StepPanel(QFrame):
         chart = self.session.charts.get(self.step)
         if self.plot is None or not self.title.isChecked() or chart is self._plotted:
             return
-        self._plotted = chart
         if chart is None:
-            self.plot.hide()
-        elif isinstance(self.plot, FlowPlot):
+            # While a run is on its way here, the last result stays in sight.
+            self.plot.setVisible(bool(self.session.charts) and self._plotted is not None)
+            return
+        self._plotted = chart
+        if isinstance(self.plot, FlowPlot):
             self.plot.show_flow(chart.total_curvature, chart.iteration)
         elif isinstance(self.plot, DistortionPlot):
             if self.step == "sphere":

@@ -130,7 +130,7 @@ class FlowPlot(Plot):
         axes.plot(self.curve, color=LINE, marker=".", markersize=4, linewidth=1)
         self._line = axes.axvline(self.stop, color=CHOSEN, linewidth=2)
         axes.set_xlabel("iteration", fontsize=FONT, color=colours["text"], labelpad=1)
-        self.style(axes, colours, "total |K| / 4π (1 = convex); drag the line to stop elsewhere")
+        self.style(axes, colours, "total |K| / 4π; drag the line to stop elsewhere")
         self._axes = axes
         self._widen(self.stop)
 

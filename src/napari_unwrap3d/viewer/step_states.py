@@ -43,12 +43,15 @@ class StepState:
     quality : mapping
         The numbers of ``atlas.quality`` for this step.
     reason : str
+    brief : str
+        The reason in a word or two, where it is no fault of this step.
     """
 
     state: str = READY
     seconds: float | None = None
     quality: Mapping[str, Any] = field(default_factory=dict)
     reason: str = ""
+    brief: str = ""
 
 
 def pipeline_states(
@@ -65,9 +68,10 @@ def pipeline_states(
         if step.state == READY:
             missing = _missing(name, states)
             if blocked:
-                step.state, step.reason = NOT_READY, blocked
+                step.state, step.reason, step.brief = NOT_READY, blocked, "no cell yet"
             elif missing:
                 step.state = NOT_READY
+                step.brief = f"after {TITLES[missing]}"
                 step.reason = f"needs {TITLES[missing]} first; Run computes that, too"
         states[name] = step
     return states

@@ -94,7 +94,7 @@ def mark_of(name: str, step: StepState) -> tuple[str, str, str]:
 def status_of(name: str, step: StepState) -> str:
     """One or two lines: what a step waits for, what came of it, or why it failed."""
     if step.state in (NOT_READY, FAILED):
-        return step.reason
+        return "" if step.brief else step.reason
     if step.state == STALE:
         return "What is shown belongs to other parameters."
     if step.state != DONE:
