@@ -181,7 +181,7 @@ def run_case(case: Case) -> dict[str, Any]:
     for measure in MEASUREMENTS:
         entries |= _timed(times, measure.__name__, measure, atlas)
     kind = case.name.removesuffix("-stack").rsplit("-", 1)[0]
-    for measure_chart in (requested.measure_direct, requested.measure_plane):
+    for measure_chart in requested.MEASUREMENTS:
         entries |= _timed(times, measure_chart.__name__, measure_chart, atlas, kind)
     silent = silent_defects(atlas, source)
     entries["charts"] = BARS["charts"].entry(0.0 if silent else 1.0, note=silent)

@@ -26,7 +26,7 @@ from common import measures, regions, results
 from common.cases import FULL, simulated
 from common.children import run_child
 from common.grids import mesh_of_image
-from common.requested import directions_of, log_area
+from common.requested import log_area
 from common.results import Bar, Entries
 from core_speed import WARM_UP_ROWS, parameters, tiny_cell
 
@@ -38,8 +38,6 @@ from napari_unwrap3d.geometry.wasserstein import sampled_sliced_wasserstein, sli
 from napari_unwrap3d.parameters import ReferenceParameters
 from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.axis import unwrapping_rotation
-from napari_unwrap3d.unwrapping.conformal import conformal_sphere
-from napari_unwrap3d.unwrapping.equiareal import equiareal_sphere
 from napari_unwrap3d.unwrapping.flow import curvature_flow
 
 LIMIT_S = 3600.0
@@ -82,9 +80,14 @@ class Clock:
 
 def routes(pipeline: unwrap3d.Pipeline) -> Iterator[Route]:
     """Every way, the paper's four first; the surface is of genus 0, so it needs no sealing."""
-    surface = pipeline.run(parameters(FULL), until="sealed").surface
-    yield from direct_routes(surface)
+    surface = pipeline.run(parameters(FULL), until="sealed").sealed
     clock = Clock()
+    flowed = flowed_sphere(surface.vertices, surface.faces)
+    positions = image_of(pipeline.value("surface"), flowed)
+    yield Route("sphere", clock.read(), positions, directions=flowed)
+    for name, blend in (("conformal", 0.0), ("equiareal", 1.0)):
+        yield sealed_route(name, blend, pipeline)
+    clock.read()
     atlas = pipeline.run(parameters(FULL))
     through = clock.read()
     positions = outermost(atlas)
@@ -93,7 +96,7 @@ def routes(pipeline: unwrap3d.Pipeline) -> Iterator[Route]:
         "reference",
         through + clock.read(),
         positions,
-        directions=directions_of(image[:, 1:], FULL),
+        directions=regions.directions_of(image[:, 1:], FULL),
     )
     mesh = atlas.topography.meshed_vertices, atlas.topography.meshed_faces
     yield Route("topography", through, mesh=mesh)
@@ -106,20 +109,16 @@ def routes(pipeline: unwrap3d.Pipeline) -> Iterator[Route]:
     yield from plane_route(atlas, through)
 
 
-def direct_routes(surface: unwrap3d.Surface) -> Iterator[Route]:
-    """The surface's own mesh on the sphere without a reference: by flow, by angle, by area."""
-    vertices, faces = surface.vertices, surface.faces
+def sealed_route(name: str, blend: float, pipeline: unwrap3d.Pipeline) -> Route:
+    """The sealed surface's own mesh as the reference, at this blend of angles and areas."""
+    settings = parameters(FULL).model_dump()
+    settings["reference"] |= {"skip": True, "keep_mesh": True}
+    settings["sphere"]["blend"] = blend
+    chosen = unwrap3d.Parameters.from_dict(settings)
+    own = unwrap3d.Pipeline(pipeline.source, dict(pipeline.kept))
     clock = Clock()
-    flowed = flowed_sphere(vertices, faces)
-    yield Route("sphere", clock.read(), image_of(surface, flowed), directions=flowed)
-    clock.read()
-    conformal = conformal_sphere(vertices, faces, silent())
-    seconds = clock.read()
-    yield Route("conformal", seconds, image_of(surface, conformal), directions=conformal)
-    clock.read()
-    equiareal, _ = equiareal_sphere(vertices, conformal, faces, silent())
-    seconds += clock.read()
-    yield Route("equiareal", seconds, image_of(surface, equiareal), directions=equiareal)
+    atlas = own.run(chosen, until="uv")
+    return Route(name, clock.read(), atlas.uv.positions, directions=atlas.sphere.vertices)
 
 
 def plane_route(atlas: unwrap3d.Atlas, through: float) -> Iterator[Route]:

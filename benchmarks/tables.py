@@ -48,6 +48,8 @@ CASES = {
     "direct-time": "direct chart, time",
     "direct-area": "direct chart, mean \\|log λ\\|",
     "direct-cortex": "direct chart, how far the cortex is off its place",
+    "direct-equiareal": "direct chart at registration 0.1, certified one to one",
+    "direct-area-equiareal": "direct chart at registration 0.1, mean \\|log λ\\|",
     "direct-labels": "labels surface to direct and back, mean IoU",
     "plane": "plane certified one to one",
     "plane-round-trip": "surface to plane and back",

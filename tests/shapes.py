@@ -40,6 +40,14 @@ def torus(ring: float, tube: float, shape: tuple[int, int, int]) -> np.ndarray:
     return np.hypot(np.hypot(y, x) - ring, z) < tube
 
 
+def pear() -> Mask:
+    """A smooth body of genus 0 that is not a ball."""
+    points = grid(45)
+    solid = np.linalg.norm(points - [-6, 0, 0], axis=-1) < 11
+    solid |= np.linalg.norm(points - [8, 0, 0], axis=-1) < 8
+    return Mask(solid, (0.1,) * 3)
+
+
 def tube_along(curve: Floats, radius: float, shape: tuple[int, int, int]) -> np.ndarray:
     """Voxels within a distance of a densely sampled curve (n, 3) in index coordinates."""
     from scipy.spatial import cKDTree

@@ -92,6 +92,7 @@ values = st.fixed_dictionaries(
                 "mass": st.sampled_from(["barycentric", "voronoi", "full"]),
                 "change_point": st.integers(1, 10),
                 "skip": st.booleans(),
+                "keep_mesh": st.booleans(),
             },
         ),
         "uv": st.fixed_dictionaries(

@@ -1,5 +1,7 @@
 """Step 1: the genus-0 reference."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -21,7 +23,7 @@ from napari_unwrap3d.unwrapping import reference as reference_step
 from napari_unwrap3d.unwrapping.flow import curvature_flow
 from napari_unwrap3d.unwrapping.reference import level_function, reference
 from napari_unwrap3d.unwrapping.surface import sealed_surface, surface
-from shapes import ball, bumpy, grid, icosphere, torus
+from shapes import ball, bumpy, grid, icosphere, pear, torus
 
 # As many vertices as such small solids have voxels on their boundary.
 SMALL = ReferenceParameters(vertices=4000)
@@ -185,14 +187,6 @@ def test_the_papers_mean_is_over_the_sealed_surface(monkeypatch: pytest.MonkeyPa
     assert over[1] == len(sealed.vertices)
 
 
-def pear() -> Mask:
-    """A smooth body of genus 0 that is not a ball."""
-    points = grid(45)
-    solid = np.linalg.norm(points - [-6, 0, 0], axis=-1) < 11
-    solid |= np.linalg.norm(points - [8, 0, 0], axis=-1) < 8
-    return Mask(solid, (0.1,) * 3)
-
-
 def test_skipped_the_reference_is_the_sealed_surface() -> None:
     sealed = sealed_of(pear())
     chart = reference(sealed, SMALL.model_copy(update={"skip": True}), silent())
@@ -204,6 +198,27 @@ def test_skipped_the_reference_is_the_sealed_surface() -> None:
     assert euler_characteristic(chart.faces) == 2
     smooth = reference(sealed, SMALL.model_copy(update={"extra_iterations": 20}), silent())
     assert cKDTree(smooth.vertices).query(sealed.vertices)[0].max() > 0.15
+
+
+@pytest.mark.parametrize("make", [pear, three_handles])
+def test_the_mesh_can_be_the_sealed_surface_s_own(make: Callable[[], Mask]) -> None:
+    sealed = sealed_of(make())
+    direct = SMALL.model_copy(update={"skip": True, "keep_mesh": True, "mesh_smoothing": 5})
+    chart = reference(sealed, direct, silent())
+    assert (chart.iteration, chart.stopped_by) == (0, "skipped")
+    np.testing.assert_array_equal(chart.vertices, sealed.vertices)
+    np.testing.assert_array_equal(chart.faces, sealed.faces)
+    np.testing.assert_array_equal(chart.mask.data[6:-6, 6:-6, 6:-6], sealed.mask.data)
+    assert np.isfinite(chart.fields["mean_curvature_per_um"]).all()
+
+
+def test_the_mesh_is_kept_only_where_nothing_is_smoothed() -> None:
+    sealed = sealed_of(pear())
+    plain, kept = (
+        reference(sealed, SMALL.model_copy(update={"keep_mesh": keep}), silent())
+        for keep in (False, True)
+    )
+    np.testing.assert_array_equal(kept.vertices, plain.vertices)
 
 
 def test_the_volume_is_that_of_the_sealed_surface_where_it_is_kept() -> None:

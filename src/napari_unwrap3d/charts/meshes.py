@@ -134,7 +134,8 @@ class Reference(TriangleMesh):
     mask : Mask
         The solid inside the reference on the isotropic working grid.
     level : Volume
-        Smooth level-set function on the same grid whose zero set is the mesh.
+        Smooth level-set function on the same grid whose zero set is the mesh (near the mesh,
+        where the sealed surface's own was kept).
     iteration : int
         The iteration of the cMCF at which the flow was stopped.
     total_curvature : ndarray, (iterations + 1,)

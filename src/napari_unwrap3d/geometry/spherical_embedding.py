@@ -25,7 +25,8 @@ GROWTH = 1.35
 # need room to be placed in.
 LEAST_MASS, LEAST_AREA = 1e-3, 0.02
 # Sweeps while there are fewer vertices than this; then `sweeps`, and at the end `final_sweeps`.
-COARSE_SWEEPS = ((300, 150), (3_000, 60))
+# What moves as a whole is moved while the mesh is coarse: a fine one takes far more sweeps.
+COARSE_SWEEPS = ((300, 150), (3_000, 150), (30_000, 60))
 # So small a mesh is turned to its directions as a whole.
 TURNED_BELOW, TURNED_EVERY = 3_000, 10
 SETTLED = 1e-5

@@ -19,6 +19,13 @@ class ReferenceParameters(StepParameters):
         "remeshed.",
         source="Step 4, direct unwrapping",
     )
+    keep_mesh: bool = setting(
+        False,
+        "Keep the mesh",
+        "With skip: the reference is the sealed surface vertex for vertex, so that its own mesh "
+        "goes to the sphere.",
+        source="Extended Data Fig. 1h, input surface to sphere",
+    )
     flow: Literal["cMCF", "MCF"] = setting(
         "cMCF",
         "Flow",
@@ -322,7 +329,7 @@ class DirectParameters(StepParameters):
         multiple_of=8,
     )
     registration: float = setting(
-        40.0,
+        110.0,
         "Registration",
         "How strongly the cortex is tied to its place in the reference's (u, v); 0.1 gives way to "
         "equal areas.",
@@ -330,7 +337,7 @@ class DirectParameters(StepParameters):
         le=1000,
     )
     slack_rad: float = setting(
-        0.05,
+        0.1,
         "Slack",
         "How far the cortex may lie from its place in the reference's (u, v) at no cost.",
         unit="rad",

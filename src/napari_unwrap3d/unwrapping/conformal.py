@@ -79,7 +79,8 @@ def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Float
             "The reference could not be mapped to the sphere one to one.",
             flips=flips,
             faces=len(faces),
-            hint="Smooth the reference more (a lower limit of total |K|, or extra iterations).",
+            hint="Smooth the reference more (a lower limit of total |K|, or extra iterations); "
+            "where it was skipped, do not skip it.",
         )
     return mobius_centered(directions, weights, faces)
 

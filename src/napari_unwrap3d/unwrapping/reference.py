@@ -42,6 +42,8 @@ def reference(
 ) -> Reference:
     """Make the reference of a sealed surface (paper, Step 1).
 
+    It may be the sealed surface itself, whatever was sealed, meshed again or as it is.
+
     Parameters
     ----------
     sealed : SealedSurface
@@ -69,7 +71,15 @@ def reference(
         solid, flow = smoothed_solid(sealed, mask, parameters, progress)
     progress(0.72, "meshing the reference")
     level = level_function(solid, parameters.smoothing_voxels)
-    vertices, faces = mesh_level(level, parameters.vertices, progress.part(0.75, 0.95))
+    if parameters.skip and parameters.keep_mesh:
+        vertices, faces = sealed.vertices, sealed.faces
+    else:
+        index, faces = mesh_level(level, parameters.vertices, progress.part(0.75, 0.95))
+        if parameters.mesh_smoothing:
+            index = smooth_keeping_volume(
+                index, faces, progress.part(0.95, 1.0), iterations=parameters.mesh_smoothing
+            )
+        vertices = mask.to_world(index)
     chi = euler_characteristic(faces)
     if chi != 2 or not is_watertight(faces):
         raise NotGenusZeroError(
@@ -77,14 +87,12 @@ def reference(
             euler_characteristic=chi,
             hint="Smooth more (a later stop of the flow), or choose a smaller working voxel.",
         )
-    if parameters.mesh_smoothing:
-        vertices = smooth_keeping_volume(
-            vertices, faces, progress.part(0.95, 1.0), iterations=parameters.mesh_smoothing
-        )
     distance = signed_distance(solid)
-    curvature = mean_curvature(distance, vertices, smoothing=CURVATURE_SMOOTHING_VOXELS)
+    curvature = mean_curvature(
+        distance, mask.to_index(vertices), smoothing=CURVATURE_SMOOTHING_VOXELS
+    )
     return Reference(
-        vertices=mask.to_world(vertices),
+        vertices=vertices,
         faces=faces,
         fields={"mean_curvature_per_um": curvature / mask.voxel_size[0]},
         mask=Mask(solid, mask.voxel_size, mask.origin),

@@ -5,19 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from ..charts import Floats, Reference, Sphere
+from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..parameters import SphereParameters
 from ..progress import Progress
 from .advection import advected_sphere
 from .conformal import conformal_sphere
 from .criteria import Criterion, best_blend, wanted_shares
-from .equiareal import blended_target, equiareal_sphere
+from .equiareal import area_error, blended_target, equiareal_sphere
+
+# A flow that ends above this mean |log λ| was held up by thin faces; it wrinkles the others.
+STALLED = 0.05
 
 
 def sphere(reference: Reference, parameters: SphereParameters, progress: Progress) -> Sphere:
     """Map the reference one to one onto the unit sphere.
 
     Areas are relaxed by the Poisson flow, where a criterion other than the areas chooses
-    the blend, or by the paper's advection, where it chooses the iteration.
+    the blend, or by the paper's advection, where it chooses the iteration. Where the flow
+    stalls, as on the thin faces of a mesh that was kept, the hierarchical embedding is taken
+    if its areas are better.
 
     Raises
     ------
@@ -57,7 +63,12 @@ def _flowed(
             criterion, conformal, lambda *given: relaxed(*given)[0], parameters.blend, search
         )
     # From the conformal map again, so that the blend alone says which map it is.
-    directions, history = relaxed(blend, conformal, rest)
+    directions, history = relaxed(blend, conformal, rest.part(0.0, 0.5))
+    if history[-1] > STALLED and blend == 1.0 and parameters.target == "reference":
+        embedded = _embedded(conformal, criterion, rest.part(0.5, 1.0))
+        error = area_error(embedded, criterion.faces, criterion.wanted)
+        if error < history[-1]:
+            directions, history = embedded, np.append(history, error)
     return Sphere(
         vertices=directions,
         faces=criterion.faces,
@@ -68,6 +79,18 @@ def _flowed(
         criterion=criterion.name,
         criterion_value=criterion(directions),
         criterion_history=tried,
+    )
+
+
+def _embedded(conformal: Floats, criterion: Criterion, progress: Progress) -> Floats:
+    """The hierarchical embedding with areas before angles, turned as the conformal map is."""
+    return embed_on_sphere(
+        criterion.vertices,
+        criterion.faces,
+        progress,
+        towards=conformal,
+        confidence=np.ones(len(conformal)),
+        weights=EmbeddingWeights(tie=0.0),
     )
 
 
