@@ -41,7 +41,7 @@ Source = Stack | Mask | Surface
 ProgressLike = Progress | Callable[[str, float, str], None] | None
 
 # Part of every key: raise it when a step computes something else from the same input.
-STEP_VERSION = 4
+STEP_VERSION = 5
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from napari_unwrap3d.geometry.laplacian import (
     faces_to_vertices,
     laplacian_from_weights,
     mass_matrix,
+    pinned,
     vertex_mass,
 )
 from napari_unwrap3d.geometry.mesh import face_areas
@@ -243,6 +244,14 @@ def test_an_old_factor_preconditions_a_changed_system() -> None:
     exact, solved = conjugate_gradient(new, right, Factor(new), tolerance=1e-9, iterations=0)
     assert solved
     np.testing.assert_allclose(exact, expected, atol=1e-7)
+
+
+def test_a_pinned_laplacian_solves_poissons_equation() -> None:
+    laplacian = cotangent_laplacian(*MESHES["lumpy"])
+    expected = np.random.default_rng(0).normal(size=laplacian.shape[0])
+    expected -= expected[0]
+    solution = Factor(pinned(laplacian)).solve(-laplacian @ expected)
+    np.testing.assert_allclose(solution, expected, atol=1e-9)
 
 
 def test_cotangents_of_lengths_are_those_of_the_triangles() -> None:
