@@ -24,7 +24,8 @@ from ..geometry.topology import largest_part, seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
-from .flow import Flow, curvature_flow, fit_to
+from .cortex_fit import fit_to, fit_to_cortex
+from .flow import Flow, curvature_flow
 
 # The flow smooths over many edges of a fine mesh: it loses nothing on a coarser one.
 FLOW_VERTICES = 40_000
@@ -35,6 +36,8 @@ SMALLEST_PLUG_VOXELS = 2.0
 # The reference is smooth; what is finer than this in its curvature are its voxels.
 CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
+# What is nearer to the cell's surface than about this is on its cortex.
+CORTEX_REACH_VOXELS = 1.0
 
 
 def reference(
@@ -109,6 +112,10 @@ def smoothed_solid(
     if parameters.keep_volume:
         scale = float(np.cbrt(signed_volume(start, faces) / signed_volume(flow.vertices, faces)))
     placed = fit_to(flow.vertices, start, vertex_mass(start, faces), scale=scale)
+    if scale is None:
+        placed = progress.run(
+            fit_to_cortex, placed, start, faces, CORTEX_REACH_VOXELS * grid.voxel_size[0]
+        )
     progress(0.62, "voxelising the reference")
     inside = voxelize(grid.to_index(placed), faces, grid.shape)
     return seal(without_spikes(largest_part(inside))), flow
