@@ -19,8 +19,8 @@ from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import euler_characteristic, is_watertight, signed_volume
 from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
 from ..geometry.smoothing import smooth_keeping_volume
+from ..geometry.topology import box_around, largest_part, seal
 from ..geometry.topology import euler_characteristic as solid_euler_characteristic
-from ..geometry.topology import largest_part, seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
@@ -84,8 +84,12 @@ def reference(
         vertices = smooth_keeping_volume(
             vertices, faces, progress.part(0.95, 1.0), iterations=parameters.mesh_smoothing
         )
-    distance = signed_distance(solid)
-    curvature = mean_curvature(distance, vertices, smoothing=CURVATURE_SMOOTHING_VOXELS)
+    # As far as the Gaussian (which scipy cuts off at 4 σ) and two differences reach.
+    box = box_around(solid, int(4.0 * CURVATURE_SMOOTHING_VOXELS) + 4)
+    corner = np.array([side.start for side in box])
+    curvature = mean_curvature(
+        signed_distance(solid[box]), vertices - corner, smoothing=CURVATURE_SMOOTHING_VOXELS
+    )
     return Reference(
         vertices=mask.to_world(vertices),
         faces=faces,
@@ -180,10 +184,15 @@ def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     What closes a hole stays, however thin; a solid that would lose more than a tenth is
     thin all over and is left as it is.
     """
-    core = distance_to(~solid) > SPIKE_RADIUS_VOXELS
+    if not solid.any():
+        return solid
+    # Within its box, with a border of background, the solid has the same distances.
+    box = box_around(solid, 1)
+    core = distance_to(~solid[box]) > SPIKE_RADIUS_VOXELS
     if not core.any():
         return solid
-    opened = largest_part(solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
+    opened = np.zeros_like(solid)
+    opened[box] = largest_part(solid[box] & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
     if opened.sum() <= 0.9 * solid.sum():
         return solid
     if solid_euler_characteristic(opened) == 1:
