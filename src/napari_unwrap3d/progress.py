@@ -97,7 +97,8 @@ class Progress:
             self.check()
         self.check()
         if "error" in outcome:
-            raise outcome["error"]
+            # Not kept here: the error's traceback would keep what this call was given.
+            raise outcome.pop("error")
         result: Result = outcome["result"]
         return result
 

@@ -9,12 +9,19 @@ from napari_unwrap3d.geometry.distortion import (
     flipped_faces,
     mean_conformal_error,
 )
-from napari_unwrap3d.geometry.laplacian import vertex_mass
+from napari_unwrap3d.geometry.laplacian import (
+    ReusedFactor,
+    conjugate_gradient,
+    cotangent_laplacian,
+    pinned,
+    vertex_mass,
+)
 from napari_unwrap3d.progress import Progress, silent
 from napari_unwrap3d.unwrapping import conformal
 from napari_unwrap3d.unwrapping.conformal import (
     _inverse_stereographic,
     _invert,
+    _most_conformal,
     _stereographic,
     conformal_sphere,
     mobius_centered,
@@ -154,6 +161,27 @@ def test_corrections_never_make_the_map_worse(monkeypatch: pytest.MonkeyPatch) -
     assert mean_conformal_error(vertices, best, faces) <= mean_conformal_error(
         vertices, first, faces
     )
+
+
+def test_a_stretched_map_is_made_as_conformal_as_it_was() -> None:
+    vertices, faces = icosphere(4)
+    plane = _stereographic(vertices)
+    stretched = plane + (0.2 - 0.3j) * np.conj(plane)
+    found = _most_conformal(stretched, vertices, faces)
+    # The pole opposite to that of the projection is at 0.
+    ratio = found[plane != 0] / plane[plane != 0]
+    np.testing.assert_allclose(ratio, ratio[0], rtol=3e-3)
+
+
+def test_the_factor_left_behind_preconditions_the_laplacian_of_the_map() -> None:
+    vertices, faces = lumpy(5, size=0.4)
+    solver = ReusedFactor()
+    found = conformal_sphere(vertices, faces, silent(), solver)
+    assert solver.factor is not None
+    matrix = pinned(cotangent_laplacian(found, faces))
+    right = matrix @ np.random.default_rng(0).normal(size=(len(vertices), 1))
+    _, solved = conjugate_gradient(matrix, right, solver.factor, tolerance=1e-8, iterations=12)
+    assert solved
 
 
 def test_obtuse_triangles_fall_back_to_positive_weights() -> None:

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from napari_unwrap3d.errors import Cancelled, MeshError
 from napari_unwrap3d.geometry.distortion import mean_conformal_error
 from napari_unwrap3d.geometry.intrinsic import LAPLACIANS
-from napari_unwrap3d.geometry.laplacian import cotangent_laplacian, vertex_mass
+from napari_unwrap3d.geometry.laplacian import cotangent_laplacian
 from napari_unwrap3d.geometry.mesh import face_areas, signed_volume
 from napari_unwrap3d.parameters import ReferenceParameters
 from napari_unwrap3d.progress import Progress, silent
@@ -16,7 +16,6 @@ from napari_unwrap3d.unwrapping import flow as flow_module
 from napari_unwrap3d.unwrapping.flow import (
     change_points,
     curvature_flow,
-    fit_to,
     flow_step,
     stopping_rule,
 )
@@ -165,7 +164,8 @@ def test_change_points_depend_on_the_shape_of_the_curve_only(seed: int, size: fl
 
 def test_extra_and_maximal_iterations() -> None:
     vertices, faces = bumpy()
-    plain = curvature_flow(vertices, faces, ReferenceParameters(), silent())
+    none = ReferenceParameters(extra_iterations=0)
+    plain = curvature_flow(vertices, faces, none, silent())
     assert plain.stopped_by == "total_curvature"
     assert plain.total_curvature[-1] < 1.6 <= plain.total_curvature[-2]
     more = curvature_flow(vertices, faces, ReferenceParameters(extra_iterations=2), silent())
@@ -174,17 +174,8 @@ def test_extra_and_maximal_iterations() -> None:
     few = ReferenceParameters(stop="fixed", fixed_iteration=50, iterations=2)
     short = curvature_flow(vertices, faces, few, silent())
     assert (short.iteration, short.stopped_by) == (2, "maximum iterations")
-
-
-def test_scale_and_shift_are_recovered_also_when_some_vertices_went_far() -> None:
-    vertices, faces = lumpy(3)
-    mass = vertex_mass(vertices, faces)
-    moved = (vertices - [3, -2, 5]) / 7.0
-    np.testing.assert_allclose(fit_to(moved, vertices, mass), vertices, atol=1e-9)
-    arms = vertices[:, 2] > np.quantile(vertices[:, 2], 0.85)
-    moved[arms] *= 0.7  # protrusions that were drawn in
-    fitted = fit_to(moved, vertices, mass)
-    assert np.abs(fitted - vertices)[~arms].max() < 0.02
+    exact = curvature_flow(vertices, faces, fixed(fixed_iteration=3, extra_iterations=2), silent())
+    assert (exact.iteration, exact.stopped_by) == (3, "fixed")
 
 
 # The equations ----------------------------------------------------------------------
@@ -304,14 +295,3 @@ def test_collapsed_triangles_need_the_robust_laplacian() -> None:
     flow = curvature_flow(vertices, faces, fixed(laplacian="robust"), silent())
     assert flow.iteration == 8
     assert flow.total_curvature[-1] < flow.total_curvature[0]
-
-
-def test_a_given_scale_is_kept_when_the_flow_is_placed() -> None:
-    vertices, faces = lumpy(3)
-    mass = vertex_mass(vertices, faces)
-    placed = fit_to((vertices - 5) / 7.0, vertices, mass, scale=7.0)
-    np.testing.assert_allclose(placed, vertices, atol=1e-9)
-    larger = fit_to((vertices - 5) / 7.0, vertices, mass, scale=8.0)
-    assert signed_volume(larger, faces) == pytest.approx(
-        signed_volume(vertices, faces) * (8 / 7) ** 3
-    )

@@ -41,14 +41,14 @@ def open_atlas(
         The layers that are shown; napari needs a quarter of a second for each.
     """
     session = session_of(viewer)
-    session._known = Known(Pipeline(atlas.mask if source is None else source), ())
-    session._turn_to_3d = session._fit_at_end = True
+    pipeline = Pipeline.resumed(atlas, atlas.mask if source is None else source)
     charts = atlas_charts(atlas)
     layout = Layout.of(charts)
     layers = [layer for name in reversed(charts) for layer in chart_layers(name, charts, layout)]
-    for _ in session._place([each for each in layers if each[1]["name"] in names]):
-        pass
-    session._finish(atlas)
+    known = Known(pipeline, (np.zeros(3),), charts)
+    chosen = [each for each in layers if each[1]["name"] in names]
+    session.adopt(known, atlas, session.source, chosen)
+    qtbot.waitUntil(lambda: session.atlas is atlas, timeout=SECONDS)
     canvas = canvas_of(viewer)
     settle(canvas, qtbot)
     qtbot.waitUntil(lambda: canvas.cursor.ready, timeout=SECONDS)

@@ -30,6 +30,18 @@ def fill_cavities(solid: Solid) -> Solid:
     return filled
 
 
+def box_around(solid: Solid, margin: int) -> tuple[slice, ...]:
+    """The smallest box that holds a solid (not empty), and a margin, within the array."""
+    sides = []
+    for axis, length in enumerate(solid.shape):
+        others = tuple(other for other in range(solid.ndim) if other != axis)
+        taken = np.flatnonzero(solid.any(axis=others))
+        sides.append(
+            slice(max(int(taken[0]) - margin, 0), min(int(taken[-1]) + 1 + margin, length))
+        )
+    return tuple(sides)
+
+
 def largest_part(solid: Solid) -> Solid:
     """The largest 26-connected component of a solid."""
     labels, count = ndimage.label(solid, structure=np.ones((3, 3, 3)))

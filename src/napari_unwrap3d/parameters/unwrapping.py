@@ -102,9 +102,10 @@ class ReferenceParameters(StepParameters):
         1, "Minimum iterations", "Never stop earlier.", source="Methods, t_min", ge=0, le=200
     )
     extra_iterations: int = setting(
-        0,
+        3,
         "Extra iterations",
-        "Continue this many iterations after the stop.",
+        "Continue this many iterations after the stop, unless that is fixed: the feet of "
+        "protrusions smooth away last.",
         source="Datasets, +5",
         ge=0,
         le=50,

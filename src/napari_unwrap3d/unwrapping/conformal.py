@@ -2,9 +2,11 @@
 
 One face is cut out and the rest is mapped harmonically into a triangle of the plane,
 which inverse stereographic projection takes to the sphere (Choi, Lam and Lui 2015,
-doi:10.1137/130950008). Around the removed face that map is poor; solving again in the
-stereographic projection from the opposite pole, with the far part held fixed, corrects
-it, and alternating between the poles converges to the harmonic, hence conformal, map.
+doi:10.1137/130950008). A harmonic map stays one when it is stretched, so the triangle is
+given the shape that makes the map most conformal. Around the removed face the map is poor;
+solving again in the stereographic projection from the opposite pole, with the far part held
+fixed, corrects it, and alternating between the poles converges to the harmonic, hence
+conformal, map.
 """
 
 from __future__ import annotations
@@ -19,7 +21,14 @@ import scipy.sparse as sparse
 from ..charts import Floats, Ints
 from ..errors import FlippedFacesError
 from ..geometry.distortion import flipped_faces, mean_conformal_error
-from ..geometry.laplacian import Factor, cotangent_laplacian, laplacian_from_weights, vertex_mass
+from ..geometry.laplacian import (
+    Factor,
+    ReusedFactor,
+    cotangent_laplacian,
+    laplacian_from_weights,
+    pinned,
+    vertex_mass,
+)
 from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..progress import Progress
 
@@ -31,14 +40,16 @@ Complex = npt.NDArray[np.complex128]
 # solved for; above 1 (the equator) so that the two solves overlap.
 FIXED_RADIUS = 2.5
 ALTERNATIONS = 6
-# Both poles have had their turn: stop at this mean Q, or when another turn gains nothing.
-GOOD_ENOUGH = 1.006
+# Stop at this mean Q, or when both poles have had their turn and another gains nothing.
+GOOD_ENOUGH = 1.002
 SMALLEST_GAIN = 1e-3
 # Weight of angles against areas in the embedding that is fallen back on.
 CONFORMAL_SHAPE = 10.0
 
 
-def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Floats:
+def conformal_sphere(
+    vertices: Floats, faces: Ints, progress: Progress, solver: ReusedFactor | None = None
+) -> Floats:
     """Map a closed genus-0 mesh conformally onto the unit sphere (paper, Step 2).
 
     Parameters
@@ -46,6 +57,9 @@ def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Float
     vertices : ndarray, (n, 3)
     faces : ndarray, (m, 3)
         Positive signed volume.
+    progress : Progress
+    solver : ReusedFactor, optional
+        Left with the factor of the mesh's Laplacian, which a conformal map hardly changes.
 
     Returns
     -------
@@ -59,8 +73,9 @@ def conformal_sphere(vertices: Floats, faces: Ints, progress: Progress) -> Float
         which every other mesh has, is found.
     """
     weights = vertex_mass(vertices, faces)
+    solver = ReusedFactor() if solver is None else solver
     for name, laplacian in _laplacians(vertices, faces):
-        plane = progress.run(_punctured_map, vertices, faces, laplacian)
+        plane = progress.run(_punctured_map, vertices, faces, laplacian, solver)
         start = _inverse_stereographic(plane)
         directions = _alternate(vertices, faces, laplacian, start, progress)
         flips = flipped_faces(directions, faces)
@@ -119,8 +134,8 @@ def _alternate(
         gain = best_error - error
         if np.isfinite(error) and (flips, error) < (best_flips, best_error):
             best, best_flips, best_error = current, flips, error
-        settled = gain < SMALLEST_GAIN or best_error < GOOD_ENOUGH
-        if best_flips == 0 and alternation > 0 and settled:
+        settled = alternation > 0 and gain < SMALLEST_GAIN
+        if best_flips == 0 and (settled or best_error < GOOD_ENOUGH):
             break
         if not np.isfinite(current).all():
             break
@@ -128,20 +143,43 @@ def _alternate(
     return best
 
 
-def _punctured_map(vertices: Floats, faces: Ints, laplacian: Any) -> Complex:
+def _punctured_map(vertices: Floats, faces: Ints, laplacian: Any, solver: ReusedFactor) -> Complex:
     """Harmonic map of the mesh without its most regular face into a triangle."""
-    hole = _most_regular_face(vertices, faces)
-    corners = faces[hole]
+    corners = faces[_most_regular_face(vertices, faces)]
+    # Two functions that are harmonic but at the corners, and the sum of both and a constant
+    # that has the wanted values there.
+    loads = np.zeros((len(vertices), 2))
+    loads[corners] = [[1.0, 0.0], [0.0, 1.0], [-1.0, -1.0]]
+    functions = solver.solve(pinned(laplacian), loads)
     target = np.exp(2j * np.pi * np.arange(3) / 3)
-    values = np.zeros(len(vertices), np.complex128)
-    values[corners] = target
-    free = np.ones(len(vertices), bool)
-    free[corners] = False
-    values = _solve_dirichlet(laplacian, values, free)
+    differences = functions[corners[:2]] - functions[corners[2]]
+    values: Complex = functions @ (np.linalg.inv(differences) @ (target[:2] - target[2]))
+    values = _most_conformal(values, vertices, faces)
     values = values - _median(values)
     radius = np.median(np.abs(values))
     scaled: Complex = values / max(radius, 1e-300)
     return scaled
+
+
+def _most_conformal(plane: Complex, vertices: Floats, faces: Ints) -> Complex:
+    """The map f to the plane, stretched to f + k f̄, of least Beltrami coefficient.
+
+    Seen from the hole the other faces are turned over. A face's coefficient then vanishes for
+    ``k = −f_z / conj(f_z̄)``; the median over the faces is taken, as those next to the hole
+    are distorted anyway.
+    """
+    corner = vertices[faces]
+    edge, other = corner[:, 1] - corner[:, 0], corner[:, 2] - corner[:, 0]
+    length = np.maximum(np.linalg.norm(edge, axis=1), 1e-300)
+    along = np.einsum("ij,ij->i", edge, other) / length
+    across = np.maximum(np.linalg.norm(np.cross(edge, other), axis=1) / length, 1e-300)
+    f = plane[faces]
+    f_x = (f[:, 1] - f[:, 0]) / length
+    f_y = (f[:, 2] - f[:, 0] - along * f_x) / across
+    below = np.conj(f_x + 1j * f_y)
+    stretch = _median(-(f_x - 1j * f_y) / np.where(below == 0.0, 1.0, below))
+    # From 1 on the stretched map would be turned inside out.
+    return plane + stretch * np.conj(plane) if abs(stretch) < 1.0 else plane
 
 
 def _most_regular_face(vertices: Floats, faces: Ints) -> int:

@@ -14,12 +14,17 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-import scipy.sparse as sparse
 
 from ..charts import Floats, Ints
 from ..geometry.area_polish import VertexStars, polish_areas
 from ..geometry.distortion import spherical_determinants
-from ..geometry.laplacian import ReusedFactor, cotangent_laplacian, faces_to_vertices
+from ..geometry.laplacian import (
+    Factor,
+    ReusedFactor,
+    cotangent_laplacian,
+    faces_to_vertices,
+    pinned,
+)
 from ..geometry.mesh import face_areas
 from ..progress import Progress
 
@@ -49,6 +54,7 @@ def equiareal_sphere(
     tolerance: float = 0.003,
     wanted: Floats | None = None,
     start: Floats | None = None,
+    factor: Factor | None = None,
 ) -> tuple[Floats, Floats]:
     """Relax the area distortion of a spherical map (paper, Step 3).
 
@@ -67,6 +73,9 @@ def equiareal_sphere(
         Shares of the area of an equiareal map; by default those of `vertices`.
     start : ndarray, (n, 3), optional
         Unit vectors without flips to begin with, by default `conformal`.
+    factor : Factor, optional
+        Of the pinned Laplacian of `vertices`, or of another mesh of nearly the same angles
+        as `conformal`.
 
     Returns
     -------
@@ -82,9 +91,10 @@ def equiareal_sphere(
     current = conformal if start is None else start
     history = [area_error(current, faces, target)]
     stars = VertexStars(faces, len(current))
+    solver = ReusedFactor(factor)
     for cycle in range(CYCLES):
         part = progress.part(cycle / CYCLES, (cycle + 1) / CYCLES)
-        current = _flow(current, faces, target, history, iterations, tolerance, part)
+        current = _flow(current, faces, target, history, iterations, tolerance, solver, part)
         for round_ in range(POLISH_ROUNDS):
             if history[-1] <= tolerance:
                 return current, np.array(history)
@@ -106,10 +116,10 @@ def _flow(
     history: list[float],
     iterations: int,
     tolerance: float,
+    solver: ReusedFactor,
     progress: Progress,
 ) -> Floats:
     """Poisson flow until it is good enough or stalls; the errors are appended to `history`."""
-    solver = ReusedFactor()
     start = len(history)
     for iteration in range(iterations):
         if history[-1] <= tolerance or _has_stalled(history[start - 1 :]):
@@ -149,10 +159,7 @@ def _velocity(directions: Floats, faces: Ints, target: Floats, solver: ReusedFac
     wanted = faces_to_vertices(target / 3.0, faces, size)
     right = mass * LARGEST_LOG * np.tanh(np.log(wanted / mass) / LARGEST_LOG) * areas.sum()
     right -= mass * right.sum()
-    # The tiny mass term removes the constant from the null space.
-    laplacian = cotangent_laplacian(directions, faces)
-    matrix = sparse.csr_array(sparse.diags_array(1e-9 * mass) - laplacian)
-    potential = -solver.solve(matrix, right)
+    potential = -solver.solve(pinned(cotangent_laplacian(directions, faces)), right)
     gradient = face_gradient(directions, faces, potential)
     weighted = faces_to_vertices(areas[:, None] * gradient, faces, size)
     velocity = weighted / faces_to_vertices(areas, faces, size)[:, None]

@@ -27,7 +27,6 @@ from ..progress import Progress
 logger = logging.getLogger(__name__)
 
 MASS_FLOOR = 1e-14
-FIT_ROUNDS = 10
 # A change point is where a step falls to this fraction of the steepest since the last one.
 ELBOW = 0.1
 # SuperLU says that a matrix is singular by a RuntimeError.
@@ -105,7 +104,8 @@ def curvature_flow(
         if stop_at is None:
             fired = stopping_rule(np.array(curve), mean_over or len(vertices), parameters)
             if fired:
-                rule, stop_at = fired, iteration + parameters.extra_iterations
+                extra = 0 if fired == "fixed" else parameters.extra_iterations
+                rule, stop_at = fired, iteration + extra
         if stop_at is not None and iteration >= stop_at:
             break
     iteration = len(curve) - 1
@@ -174,29 +174,6 @@ def change_points(curve: Floats) -> list[int]:
             found.append(last + 1)
             first = last
     return found
-
-
-def fit_to(moved: Floats, original: Floats, mass: Floats, *, scale: float | None = None) -> Floats:
-    """Scale and shift flowed vertices back onto the cortex they came from.
-
-    The flow has its own size and no position. Vertices of the cortex hardly move, those of
-    protrusions move far; minimising the sum of distances (not of squares), by iteratively
-    reweighted least squares, follows the cortex. A given `scale` is kept.
-    """
-    weights = mass.copy()
-    scale_length = np.sqrt(mass.sum())
-    result = moved
-    for _ in range(FIT_ROUNDS):
-        share = weights / weights.sum()
-        centre_moved, centre = share @ moved, share @ original
-        a, b = moved - centre_moved, original - centre
-        size = scale or float(
-            share @ np.einsum("ij,ij->i", a, b) / (share @ np.einsum("ij,ij->i", a, a))
-        )
-        result = size * a + centre
-        distance = np.linalg.norm(result - original, axis=1)
-        weights = mass / np.maximum(distance, 1e-3 * scale_length)
-    return result
 
 
 def _normalized(points: Floats, faces: Ints, volume: float | None = None) -> Floats:

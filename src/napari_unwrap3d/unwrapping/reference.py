@@ -19,12 +19,13 @@ from ..geometry.marching import clamped_marching_cubes, field_with_sign
 from ..geometry.mesh import euler_characteristic, is_watertight, signed_volume
 from ..geometry.remesh import level_set_projection, relax, simplify, subdivide
 from ..geometry.smoothing import smooth_keeping_volume
+from ..geometry.topology import box_around, largest_part, seal
 from ..geometry.topology import euler_characteristic as solid_euler_characteristic
-from ..geometry.topology import largest_part, seal
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
-from .flow import Flow, curvature_flow, fit_to
+from .cortex_fit import fit_to, fit_to_cortex
+from .flow import Flow, curvature_flow
 
 # The flow smooths over many edges of a fine mesh: it loses nothing on a coarser one.
 FLOW_VERTICES = 40_000
@@ -35,6 +36,8 @@ SMALLEST_PLUG_VOXELS = 2.0
 # The reference is smooth; what is finer than this in its curvature are its voxels.
 CURVATURE_SMOOTHING_VOXELS = 4.0
 SPIKE_RADIUS_VOXELS = 3.0
+# What is nearer to the cell's surface than about this is on its cortex.
+CORTEX_REACH_VOXELS = 1.0
 
 
 def reference(
@@ -87,9 +90,13 @@ def reference(
             euler_characteristic=chi,
             hint="Smooth more (a later stop of the flow), or choose a smaller working voxel.",
         )
-    distance = signed_distance(solid)
+    # As far as the Gaussian (which scipy cuts off at 4 σ) and two differences reach.
+    box = box_around(solid, int(4.0 * CURVATURE_SMOOTHING_VOXELS) + 4)
+    corner = np.array([side.start for side in box])
     curvature = mean_curvature(
-        distance, mask.to_index(vertices), smoothing=CURVATURE_SMOOTHING_VOXELS
+        signed_distance(solid[box]),
+        mask.to_index(vertices) - corner,
+        smoothing=CURVATURE_SMOOTHING_VOXELS,
     )
     return Reference(
         vertices=vertices,
@@ -117,6 +124,10 @@ def smoothed_solid(
     if parameters.keep_volume:
         scale = float(np.cbrt(signed_volume(start, faces) / signed_volume(flow.vertices, faces)))
     placed = fit_to(flow.vertices, start, vertex_mass(start, faces), scale=scale)
+    if scale is None:
+        placed = progress.run(
+            fit_to_cortex, placed, start, faces, CORTEX_REACH_VOXELS * grid.voxel_size[0]
+        )
     progress(0.62, "voxelising the reference")
     inside = voxelize(grid.to_index(placed), faces, grid.shape)
     return seal(without_spikes(largest_part(inside))), flow
@@ -183,10 +194,15 @@ def without_spikes(solid: npt.NDArray[np.bool_]) -> npt.NDArray[np.bool_]:
     What closes a hole stays, however thin; a solid that would lose more than a tenth is
     thin all over and is left as it is.
     """
-    core = distance_to(~solid) > SPIKE_RADIUS_VOXELS
+    if not solid.any():
+        return solid
+    # Within its box, with a border of background, the solid has the same distances.
+    box = box_around(solid, 1)
+    core = distance_to(~solid[box]) > SPIKE_RADIUS_VOXELS
     if not core.any():
         return solid
-    opened = largest_part(solid & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
+    opened = np.zeros_like(solid)
+    opened[box] = largest_part(solid[box] & (distance_to(core) <= SPIKE_RADIUS_VOXELS))
     if opened.sum() <= 0.9 * solid.sum():
         return solid
     if solid_euler_characteristic(opened) == 1:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..charts import Floats, Reference, Sphere
+from ..geometry.laplacian import Factor, ReusedFactor
 from ..geometry.spherical_embedding import EmbeddingWeights, embed_on_sphere
 from ..parameters import SphereParameters
 from ..progress import Progress
@@ -31,15 +32,22 @@ def sphere(reference: Reference, parameters: SphereParameters, progress: Progres
         No map without flipped faces was found.
     """
     vertices, faces = reference.vertices, reference.faces
-    conformal = conformal_sphere(vertices, faces, progress.part(0.0, 0.6))
+    solver = ReusedFactor()
+    conformal = conformal_sphere(vertices, faces, progress.part(0.0, 0.6), solver)
     wanted = wanted_shares(vertices, faces, parameters.target)
     criterion = Criterion(parameters.criterion, parameters.theta, vertices, faces, wanted)
-    relaxed = _advected if parameters.method == "advection" else _flowed
-    return relaxed(conformal, criterion, parameters, progress.part(0.6, 1.0))
+    rest = progress.part(0.6, 1.0)
+    if parameters.method == "advection":
+        return _advected(conformal, criterion, parameters, rest)
+    return _flowed(conformal, criterion, parameters, solver.factor, rest)
 
 
 def _flowed(
-    conformal: Floats, criterion: Criterion, parameters: SphereParameters, progress: Progress
+    conformal: Floats,
+    criterion: Criterion,
+    parameters: SphereParameters,
+    factor: Factor | None,
+    progress: Progress,
 ) -> Sphere:
     """By the Poisson flow, at the given blend or at the best one up to there."""
 
@@ -54,6 +62,7 @@ def _flowed(
             tolerance=parameters.tolerance,
             wanted=criterion.wanted,
             start=start,
+            factor=factor,
         )
 
     blend, tried, rest = parameters.blend, np.zeros((0, 2)), progress

@@ -438,7 +438,9 @@ class Session(QObject):
             # A slider was moved so late that the run came to its end.
             self._rest.start()
 
-    def adopt(self, known: Known, atlas: Atlas, layer: Layer, layers: list[LayerData]) -> None:
+    def adopt(
+        self, known: Known, atlas: Atlas, layer: Layer | None, layers: list[LayerData]
+    ) -> None:
         """Go on with a cell that was unwrapped before, as after a run.
 
         Parameters
@@ -446,7 +448,7 @@ class Session(QObject):
         known : Known
             Its pipeline, whose steps are done.
         atlas : Atlas
-        layer : Layer
+        layer : Layer or None
             The source, in the viewer.
         layers : list of LayerData
             Of every chart.
