@@ -139,7 +139,7 @@ class Colouring(QObject):
     # Values come from a thread --------------------------------------------------
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        source = self._canvas.session.source
+        source = self._canvas.session.source_data
         self.fields = fields_of(atlas, source if isinstance(source, Stack) else None)
         self._wanted = self.field if self.field in self.fields.names else CURVATURE
         if self._wanted not in self.fields.names:

@@ -232,7 +232,7 @@ class DepthBar(QWidget):
         self._update_range()
 
     def _stack(self) -> Stack | None:
-        source = self._canvas.session.source
+        source = self._canvas.session.source_data
         return source if isinstance(source, Stack) else None
 
     def close_bar(self) -> None:

@@ -100,7 +100,7 @@ class Session(QObject):
     # Running -----------------------------------------------------------------
 
     @property
-    def source(self) -> Source | None:
+    def source_data(self) -> Source | None:
         """The stack, mask or mesh of the last run."""
         return None if self._known is None else self._known.pipeline.source
 
