@@ -1,10 +1,13 @@
 # Every target does its own set-up (.venv and system libraries); a second run reuses it.
 # ARGS go to the command: make test ARGS="tests/geometry -x"
 
-.PHONY: demo test lint bench setup clean
+.PHONY: demo test test-pyside6 lint bench setup clean
 
 test: setup
 	@tools/test.sh $(ARGS)
+
+test-pyside6: setup
+	@tools/test_pyside6.sh $(ARGS)
 
 demo: setup
 	@tools/demo.sh $(ARGS)

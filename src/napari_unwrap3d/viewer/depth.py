@@ -219,9 +219,11 @@ class DepthBar(QWidget):
             image.reset_contrast_limits("slice")
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        if atlas is self._of or not atlas.has("topography"):
+        if not atlas.has("topography"):
             return
-        self._of = atlas
+        before, self._of = self._of, atlas
+        if before is not None and before.topography is atlas.topography:
+            return
         self._contents = {MASK: atlas.topography.mask}
         stack = self._stack()
         self.content.clear()

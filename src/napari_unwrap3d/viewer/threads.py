@@ -44,7 +44,9 @@ class Task(QObject):
         """Start the thread."""
         executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
         future = executor.submit(self._function, *self._arguments)
-        future.add_done_callback(self._hand_over)
+        # In the thread as well. A callback of the future would be called here when the function
+        # has already returned, and the end would overtake the signals that the function sent.
+        executor.submit(self._hand_over, future)
         executor.shutdown(wait=False)
 
     def wait(self, seconds: float) -> bool:

@@ -1,0 +1,69 @@
+"""Work in a thread: its end comes after everything that it sent."""
+
+from __future__ import annotations
+
+import concurrent.futures
+from typing import Any
+
+import pytest
+from qtpy.QtCore import QObject, Signal
+
+from napari_unwrap3d.viewer import threads
+from napari_unwrap3d.viewer.threads import Task
+
+
+class Sender(QObject):
+    sent = Signal(str)
+
+
+class Patient(concurrent.futures.ThreadPoolExecutor):
+    """An executor that returns from `submit` when the work is done: the race, always lost."""
+
+    def submit(self, *arguments: Any) -> Any:
+        future = super().submit(*arguments)
+        concurrent.futures.wait([future])
+        return future
+
+
+@pytest.fixture
+def patient(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(threads, "ThreadPoolExecutor", Patient)
+
+
+@pytest.mark.usefixtures("patient")
+def test_the_end_does_not_overtake_what_was_sent_before(qtbot: Any) -> None:
+    order: list[str] = []
+    sender = Sender()
+    receiver = Receiver(order)
+    sender.sent.connect(receiver.take)
+    task = Task(lambda: sender.sent.emit("chart"))
+    task.returned.connect(receiver.end)
+    task.start()
+    qtbot.waitUntil(lambda: "end" in order, timeout=5000)
+    assert order == ["chart", "end"]
+
+
+@pytest.mark.usefixtures("patient")
+def test_an_error_comes_back_and_the_wait_ends(qtbot: Any) -> None:
+    def fail() -> None:
+        raise ValueError("no")
+
+    task = Task(fail)
+    with qtbot.waitSignal(task.failed, timeout=5000) as failed:
+        task.start()
+    assert isinstance(failed.args[0], ValueError)
+    assert task.wait(5.0)
+
+
+class Receiver(QObject):
+    """A slot in the window's thread."""
+
+    def __init__(self, order: list[str]) -> None:
+        super().__init__()
+        self._order = order
+
+    def take(self, what: str) -> None:
+        self._order.append(what)
+
+    def end(self, _: Any) -> None:
+        self._order.append("end")

@@ -1,0 +1,18 @@
+#!/usr/bin/env bash
+# The tests of the window once more, with the other Qt binding. Arguments go to pytest.
+set -euo pipefail
+source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
+
+# Beside the environment rather than in it: the binding is chosen by name, not by what is missing.
+SITE=$ROOT/.venv-pyside6
+if [ ! -d "$SITE/PySide6" ]; then
+  say "Installing PySide6 into $SITE"
+  "$VENV/bin/python" -m pip install --quiet --no-input --disable-pip-version-check \
+    --no-deps --target "$SITE" PySide6_Essentials shiboken6
+fi
+export PYTHONPATH=$SITE QT_API=pyside6 PYTEST_QT_API=pyside6
+if [ "$#" = 0 ]; then set -- tests/viewer; fi
+run=("$VENV/bin/python" -m pytest "$@")
+if has_display; then exec "${run[@]}"; fi
+export QT_QPA_PLATFORM=xcb
+exec xvfb-run -a -s "-screen 0 1600x1200x24" "${run[@]}"
