@@ -391,7 +391,6 @@ class UnwrappedCanvas(QWidget):
             self.compute(chart)
 
     def _on_atlas(self, _: Any) -> None:
-        self.requested.forget()
         self.charts_changed.emit()
         self._update()
 
@@ -429,6 +428,7 @@ class UnwrappedCanvas(QWidget):
             viewer.events.theme.disconnect(self._on_theme)
         self.cursor.close()
         self._lighting.close()
+        self.requested.close()
         self.colouring.close()
         self.depth_bar.close_bar()
         self.model.layers.clear()

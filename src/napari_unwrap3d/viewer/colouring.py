@@ -145,8 +145,11 @@ class Colouring(QObject):
     # Values come from a thread --------------------------------------------------
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        source = self._canvas.session.run_source
+        source = self._canvas.session.source_data
+        before = self.fields
         self.fields = fields_of(atlas, source if isinstance(source, Stack) else None)
+        if before is not None:
+            self.fields.adopt(before)
         self._wanted = self.field if self.field in self.fields.names else CURVATURE
         if self._wanted not in self.fields.names:
             self._wanted = self.fields.names[0] if self.fields.names else ""

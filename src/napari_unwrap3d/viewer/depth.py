@@ -237,9 +237,11 @@ class DepthBar(QWidget):
             image.reset_contrast_limits("slice")
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        if atlas is self._of or not atlas.has("topography"):
+        if not atlas.has("topography"):
             return
-        self._of = atlas
+        before, self._of = self._of, atlas
+        if before is not None and before.topography is atlas.topography:
+            return
         self._contents = {MASK: atlas.topography.mask}
         stack = self._stack()
         self.content.clear()
@@ -250,7 +252,7 @@ class DepthBar(QWidget):
         self._update_range()
 
     def _stack(self) -> Stack | None:
-        source = self._canvas.session.run_source
+        source = self._canvas.session.source_data
         return source if isinstance(source, Stack) else None
 
     def close_bar(self) -> None:

@@ -56,9 +56,11 @@ class Lighting(QObject):
         for layer in viewer.layers:
             if KEY in layer.metadata and type(layer).__name__ == "Surface" and layer in visuals:
                 visual = visuals[layer]
-                visual._light_direction = light
+                # A mirrored layer turns the side that counts as its front.
+                own = light * np.sign(np.prod(layer.scale[-3:]))
+                visual._light_direction = own
                 if visual.node.shading_filter is not None:
-                    visual.node.shading_filter.light_dir = light
+                    visual.node.shading_filter.light_dir = own
 
     def _later(self, _: Any = None) -> None:
         self._timer.start()

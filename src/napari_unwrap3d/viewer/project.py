@@ -231,7 +231,7 @@ def saving(session: Session, viewer: Any, path: str | Path) -> Callable[[], Path
     assert atlas is not None
     annotated = atlas.annotated
     state = None if annotated is None else annotated.state()
-    source, view = session.run_source, project_view(session, viewer)
+    source, view = session.source_data, project_view(session, viewer)
 
     def save() -> Path:
         return save_project(atlas, path, annotations=state, view=view, source=source)

@@ -252,7 +252,7 @@ class Session(QObject):
         return (0.0, 0.0, 0.0) if self._known is None else self._known.identity[0]
 
     @property
-    def run_source(self) -> Source | None:
+    def source_data(self) -> Source | None:
         """The stack, mask or mesh of the last run."""
         return None if self._known is None else self._known.pipeline.source
 
