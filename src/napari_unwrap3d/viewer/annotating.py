@@ -49,6 +49,10 @@ STEP = 3
 LABELS = 64
 KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
+COMPUTING = (
+    "Computing the direct chart, to show every fold of the surface. You can draw meanwhile; "
+    "under overhangs the surface shows what lies outermost until then."
+)
 CLOSE_SECONDS = 5.0
 
 
@@ -153,6 +157,7 @@ class Annotating(QObject):
         if canvas is not self._canvas:
             self._canvas = canvas
             canvas.charts_changed.connect(self._on_charts)
+            canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
 
     def _on_session(self, _: Any = None) -> None:
@@ -347,12 +352,10 @@ class Annotating(QObject):
             return
         if "reason" in atlas.quality.get("direct", {}) or not atlas.has("topography"):
             return
-        if self._canvas is not None and self._canvas.computing == "direct":
+        if self._canvas is not None:
+            self._canvas.compute("direct")
             return
-        self.told.emit(
-            "Computing the direct chart, to show every fold of the surface. You can draw "
-            "meanwhile; under overhangs the surface shows what lies outermost until then."
-        )
+        self.told.emit(COMPUTING)
         self._direct = Task(getattr, atlas, "direct")
         self._direct.returned.connect(self._on_direct)
         self._direct.failed.connect(self._on_no_direct)
@@ -361,10 +364,12 @@ class Annotating(QObject):
     def _on_direct(self, _: Any) -> None:
         self._direct = None
         self.told.emit("")
-        if self._canvas is not None:
-            self._canvas.charts_changed.emit()
-        else:
-            self._on_charts()
+        self._on_charts()
+
+    def _on_requested(self) -> None:
+        """The second canvas began to compute a chart, or ended."""
+        if self._canvas is not None and self.names:
+            self.told.emit(COMPUTING if self._canvas.requested.running == "direct" else "")
 
     def _on_charts(self) -> None:
         """A chart was computed: where it is the direct one, the surface shows that."""
