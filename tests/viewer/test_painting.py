@@ -81,17 +81,14 @@ class Hand:
         QTest.mousePress(native, LEFT, keys, points[0])
         for point in points[1:]:
             before = tuple(model.cursor.position)
-            event = QMouseEvent(
-                QEvent.Type.MouseMove,
-                QPointF(point),
-                QPointF(native.mapToGlobal(point)),
-                Qt.MouseButton.NoButton,
-                LEFT,
-                keys,
-            )
-            QApplication.sendEvent(native, event)
-            # napari takes one event per some milliseconds.
-            self.qtbot.waitUntil(lambda b=before: tuple(model.cursor.position) != b)
+
+            def moved(point: QPoint = point, before: Any = before) -> bool:
+                """vispy leaves out events that follow each other too quickly."""
+                if tuple(model.cursor.position) == before:
+                    _move(native, point, keys)
+                return tuple(model.cursor.position) != before
+
+            self.qtbot.waitUntil(moved)
         QTest.mouseRelease(native, LEFT, keys, points[-1])
         self.settle()
 
@@ -103,6 +100,18 @@ class Hand:
         self.qtbot.waitUntil(lambda: painter._lassoing is None, timeout=SECONDS)
         timer = self.annotating.texturing._timer
         self.qtbot.waitUntil(lambda: not timer.isActive())
+
+
+def _move(native: Any, point: QPoint, keys: Any) -> None:
+    event = QMouseEvent(
+        QEvent.Type.MouseMove,
+        QPointF(point),
+        QPointF(native.mapToGlobal(point)),
+        Qt.MouseButton.NoButton,
+        LEFT,
+        keys,
+    )
+    QApplication.sendEvent(native, event)
 
 
 @pytest.fixture(scope="module")
