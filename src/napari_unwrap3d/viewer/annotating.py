@@ -15,6 +15,7 @@ from qtpy.QtCore import QEvent, QObject, Signal
 from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
+from ..errors import Unwrap3DError
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, TOOLS, SurfacePainter
@@ -89,6 +90,7 @@ class Annotating(QObject):
         self._radius_um = 1.0
         self._offset: dict[str, int] = {}
         self._hidden: set[str] = set()
+        self._renaming: tuple[str, str] | None = None
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
@@ -315,15 +317,29 @@ class Annotating(QObject):
         """Give an annotation another name; it keeps its colours."""
         if old == new:
             return
-        if old in self._offset:
-            self._offset[new] = self._offset[old]
-        if old in self._hidden:
-            self._hidden.add(new)
-        current = self._current
-        self.layers.rename(old, new)
-        self.annotations.rename(old, new)
+        current, visible = self._current, self.style(old)[1]
+        first, hidden = self._offset.get(new), self._hidden
+        self._offset[new] = self._offset[old]
+        self._hidden = hidden - {new} if visible else hidden | {new}
+        self._renaming = (old, new)
+        try:
+            self.annotations.rename(old, new)
+        except Unwrap3DError:
+            self._hidden = hidden
+            if first is None:
+                del self._offset[new]
+            else:
+                self._offset[new] = first
+            raise
+        finally:
+            self._renaming = None
         if current == old:
             self.current = new
+
+    @property
+    def renaming(self) -> tuple[str, str] | None:
+        """The old and the new name while an annotation is renamed."""
+        return self._renaming
 
     # What the annotations tell -----------------------------------------------------------
 
