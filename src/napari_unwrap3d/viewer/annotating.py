@@ -15,6 +15,7 @@ from qtpy.QtCore import QEvent, QObject, Signal
 from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
+from ..errors import Unwrap3DError
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, TOOLS, SurfacePainter
@@ -49,6 +50,10 @@ STEP = 3
 LABELS = 64
 KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
+COMPUTING = (
+    "Computing the direct chart, to show every fold of the surface. You can draw meanwhile; "
+    "under overhangs the surface shows what lies outermost until then."
+)
 CLOSE_SECONDS = 5.0
 
 
@@ -85,6 +90,7 @@ class Annotating(QObject):
         self._radius_um = 1.0
         self._offset: dict[str, int] = {}
         self._hidden: set[str] = set()
+        self._renaming: tuple[str, str] | None = None
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
@@ -153,6 +159,7 @@ class Annotating(QObject):
         if canvas is not self._canvas:
             self._canvas = canvas
             canvas.charts_changed.connect(self._on_charts)
+            canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
 
     def _on_session(self, _: Any = None) -> None:
@@ -310,15 +317,29 @@ class Annotating(QObject):
         """Give an annotation another name; it keeps its colours."""
         if old == new:
             return
-        if old in self._offset:
-            self._offset[new] = self._offset[old]
-        if old in self._hidden:
-            self._hidden.add(new)
-        current = self._current
-        self.layers.rename(old, new)
-        self.annotations.rename(old, new)
+        current, visible = self._current, self.style(old)[1]
+        first, hidden = self._offset.get(new), self._hidden
+        self._offset[new] = self._offset[old]
+        self._hidden = hidden - {new} if visible else hidden | {new}
+        self._renaming = (old, new)
+        try:
+            self.annotations.rename(old, new)
+        except Unwrap3DError:
+            self._hidden = hidden
+            if first is None:
+                del self._offset[new]
+            else:
+                self._offset[new] = first
+            raise
+        finally:
+            self._renaming = None
         if current == old:
             self.current = new
+
+    @property
+    def renaming(self) -> tuple[str, str] | None:
+        """The old and the new name while an annotation is renamed."""
+        return self._renaming
 
     # What the annotations tell -----------------------------------------------------------
 
@@ -347,12 +368,10 @@ class Annotating(QObject):
             return
         if "reason" in atlas.quality.get("direct", {}) or not atlas.has("topography"):
             return
-        if self._canvas is not None and self._canvas.computing == "direct":
+        if self._canvas is not None:
+            self._canvas.compute("direct")
             return
-        self.told.emit(
-            "Computing the direct chart, to show every fold of the surface. You can draw "
-            "meanwhile; under overhangs the surface shows what lies outermost until then."
-        )
+        self.told.emit(COMPUTING)
         self._direct = Task(getattr, atlas, "direct")
         self._direct.returned.connect(self._on_direct)
         self._direct.failed.connect(self._on_no_direct)
@@ -361,10 +380,12 @@ class Annotating(QObject):
     def _on_direct(self, _: Any) -> None:
         self._direct = None
         self.told.emit("")
-        if self._canvas is not None:
-            self._canvas.charts_changed.emit()
-        else:
-            self._on_charts()
+        self._on_charts()
+
+    def _on_requested(self) -> None:
+        """The second canvas began to compute a chart, or ended."""
+        if self._canvas is not None and self.names:
+            self.told.emit(COMPUTING if self._canvas.requested.running == "direct" else "")
 
     def _on_charts(self) -> None:
         """A chart was computed: where it is the direct one, the surface shows that."""

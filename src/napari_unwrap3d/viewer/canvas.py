@@ -226,11 +226,6 @@ class UnwrappedCanvas(QWidget):
         return self._shown.chart
 
     @property
-    def computing(self) -> str:
-        """The chart that is being computed on request; empty for none."""
-        return self._computing
-
-    @property
     def atlas(self) -> Atlas | None:
         return self.session.atlas
 

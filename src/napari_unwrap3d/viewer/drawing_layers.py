@@ -246,6 +246,8 @@ class DrawingLayers(QObject):
     # What happens -----------------------------------------------------------------------
 
     def _on_listed(self) -> None:
+        if self._annotating.renaming is not None:
+            self.rename(*self._annotating.renaming)
         names = self._annotating.names
         for key in [key for key in self._layers if key[0] not in names]:
             self._remove(key)

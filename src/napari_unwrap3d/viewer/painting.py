@@ -193,7 +193,9 @@ class SurfacePainter(QObject):
                 yield from drawing(hit.layer, label, event)
         finally:
             camera.mouse_pan = moves
-            self._annotating.edited.emit()
+            # A stroke that the end of the window cut short ends when it is forgotten.
+            if not self._closed:
+                self._annotating.edited.emit()
 
     def _paint(self, layer: Layer, label: int, event: Any) -> Iterator[None]:
         last = self._dab(layer, label, event, None)

@@ -85,6 +85,9 @@ class ShapeLayers(QObject):
 
     def _make(self, key: tuple[str, str]) -> None:
         name, chart = key
+        canvas = self._annotating.canvas
+        if canvas is None:
+            return
         layer = Shapes(
             ndim=2,
             name=f"{name}: shapes" if chart == "uv" else f"{name}: shapes ({chart})",
@@ -98,7 +101,7 @@ class ShapeLayers(QObject):
         self._fill(key)
         self._colour_next(layer, name)
         layer.events.data.connect(self._on_data)
-        self._annotating.canvas.add_chart_layer(layer, chart)
+        canvas.add_chart_layer(layer, chart)
 
     def _remove(self, key: tuple[str, str]) -> None:
         layer = self._layers.pop(key)

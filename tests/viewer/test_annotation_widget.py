@@ -1,0 +1,206 @@
+"""The dock of annotations, with its window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtTest import QTest
+
+from napari_unwrap3d.viewer.annotation_widget import (
+    NO_ANNOTATION,
+    NO_CELL,
+    TOOL_TEXTS,
+    AnnotationWidget,
+)
+from napari_unwrap3d.viewer.layers import COPIES, KEY
+from napari_unwrap3d.viewer.writers import write_surface
+from viewer.opened import SECONDS, open_atlas
+
+LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+
+
+@pytest.fixture
+def opened(make_napari_viewer: Any, small_atlas: Any, qtbot: Any) -> Any:
+    """A window with the small cell, and the dock with one annotation."""
+    atlas = small_atlas.replaced()
+    # Nothing here is about the direct chart, which would take seconds.
+    object.__setattr__(atlas, "quality", {**atlas.quality, "direct": {"reason": "not wanted"}})
+    viewer = make_napari_viewer(show=True)
+    canvas = open_atlas(viewer, atlas, qtbot, names=("surface", "mask", "uv"))
+    widget = AnnotationWidget(viewer)
+    viewer.window.add_dock_widget(widget, name="Annotations")
+    widget.list.add_button.click()
+    layers = widget.annotating.layers
+    qtbot.waitUntil(lambda: layers.layer("out of focus", "uv") is not None, timeout=SECONDS)
+    return viewer, canvas, widget, atlas.annotations
+
+
+def test_without_a_cell_it_says_so(make_napari_viewer: Any) -> None:
+    widget = AnnotationWidget(make_napari_viewer())
+    assert widget.message.text() == NO_CELL
+    assert not widget.list.add_button.isEnabled()
+    assert not any(button.isEnabled() for button in widget.tools.values())
+    widget.deleteLater()
+
+
+def test_the_list(opened: Any, qtbot: Any, errors: list[str]) -> None:
+    _, canvas, widget, annotations = opened
+    listed, annotating = widget.list, widget.annotating
+    assert annotations.names == ("out of focus",)
+    assert listed.name_box.currentText() == "cell bottom"
+    listed.add_button.click()
+    assert annotations.names == ("out of focus", "cell bottom")
+    assert annotating.current == "cell bottom"
+    qtbot.waitUntil(lambda: annotating.layers.layer("cell bottom", "uv") is not None)
+    # Each has a colour of its own, the same in every view.
+    colours = [annotating.style(name)[0][1] for name in annotations.names]
+    assert colours[0] != colours[1]
+    layer = annotating.layers.layer("cell bottom", "uv")
+    np.testing.assert_allclose(layer.colormap.map(1), colours[1], atol=0.01)
+    annotating.set_colour("cell bottom", 1, (1.0, 0.0, 0.0, 1.0))
+    np.testing.assert_allclose(layer.colormap.map(1), (1, 0, 0, 1), atol=0.01)
+    # A taken name is an error in words, and changes nothing.
+    listed.list.item(1).setText("out of focus")
+    assert len(errors) == 1
+    assert listed.list.item(1).text() == "cell bottom"
+    listed.list.item(1).setText("the glass")
+    assert annotations.names == ("out of focus", "the glass")
+    assert annotating.layers.layer("the glass", "uv") is layer
+    assert layer.name == "the glass"
+    listed.list.item(1).setCheckState(Qt.CheckState.Unchecked)
+    assert not layer.visible
+    listed.delete_button.click()
+    assert annotations.names == ("out of focus",)
+    assert layer not in canvas.model.layers
+    widget.undo_button.click()
+    assert annotations.names == ("out of focus", "the glass")
+    listed.list.setCurrentRow(1)
+    for _ in range(2):
+        listed.delete_button.click()
+    assert widget.message.text() == NO_ANNOTATION
+
+
+def test_tools_label_and_radius_are_those_of_the_image_too(opened: Any) -> None:
+    _, canvas, widget, _ = opened
+    layer = widget.annotating.layers.layer("out of focus", "uv")
+    modes = {"look": "pan_zoom", "brush": "paint", "erase": "erase", "fill": "fill"}
+    assert set(modes) < set(TOOL_TEXTS)
+    for tool, mode in modes.items():
+        widget.tools[tool].click()
+        assert layer.mode == mode
+        assert canvas.model.layers.selection.active is layer
+    widget.label_box.setValue(7)
+    assert layer.selected_label == 7
+    layer.selected_label = 3
+    assert widget.label_box.value() == 3
+    sizes = []
+    for radius in (0.5, 1.0):
+        widget.radius_box.setValue(radius)
+        sizes.append(layer.brush_size)
+    assert 1 < sizes[0] < sizes[1]
+    widget.overhang_box.setCurrentIndex(1)
+    assert widget.annotating.annotations.overhang == "outermost"
+
+
+def test_shapes_stay_shapes(opened: Any, qtbot: Any) -> None:
+    _, canvas, widget, annotations = opened
+    name = "out of focus"
+    widget.label_box.setValue(2)
+    widget.regions.shapes_button.click()
+    layer = widget.annotating.shapes.layer(name, "uv")
+    native = canvas.qt_viewer.canvas.native
+    layer.mode = "add_rectangle"
+    layer.add_rectangles(np.array([[20.0, 30.0], [20, 50], [40, 50], [40, 30]]))
+    assert len(annotations.shapes(name, "uv")) == 1
+    image = annotations.image(name, "uv")
+    assert (image[22:38, 32:48] == 2).all()
+    layer.selected_data = {0}
+    layer.remove_selected()
+    assert annotations.shapes(name, "uv") == ()
+    assert not annotations.labels(name).any()
+    widget.undo_button.click()
+    assert len(layer.data) == 1
+    assert (annotations.image(name, "uv") == image).all()
+    # With the mouse: three corners, and the first one again.
+    layer.mode = "add_polygon"
+    for x, y in ((0.6, 0.3), (0.7, 0.3), (0.7, 0.6)):
+        place = QPoint(round(x * native.width()), round(y * native.height()))
+        QTest.mouseClick(native, LEFT, NONE, place)
+    QTest.keyClick(native, Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: len(annotations.shapes(name, "uv")) == 2)
+    assert annotations.shapes(name, "uv")[1].kind == "polygon"
+
+
+def test_a_half_space_follows_its_form(opened: Any) -> None:
+    _, _, widget, annotations = opened
+    regions, z = widget.regions, widget.annotating.atlas.surface.vertices[:, 0]
+    regions.add_button.click()
+    name = "out of focus"
+    assert ((annotations.labels(name) == 1) == (z >= regions.region().vertices[0, 0])).all()
+    regions.position.setValue(float(z.mean()))
+    assert len(annotations.shapes(name, "volume")) == 1
+    position = annotations.shapes(name, "volume")[0].vertices[0, 0]
+    assert ((annotations.labels(name) == 1) == (z >= position)).all()
+    regions.remove_button.click()
+    assert not annotations.labels(name).any()
+
+
+def test_a_label_is_measured_fitted_and_exported(
+    opened: Any, qtbot: Any, tmp_path: Path, errors: list[str]
+) -> None:
+    viewer, _, widget, annotations = opened
+    measures, name = widget.measures, "out of focus"
+    measures.fit()
+    assert len(errors) == 1
+    vertices = widget.annotating.atlas.surface.vertices
+    annotations.draw_vertices(name, np.flatnonzero(vertices[:, 0] < vertices[:, 0].min() + 0.3), 1)
+    qtbot.waitUntil(lambda: measures.table.rowCount() == 1, timeout=SECONDS)
+    area = widget.annotating.atlas.elements("surface")[annotations.labels(name) == 1].sum()
+    assert float(measures.table.item(0, 2).text()) == pytest.approx(area, rel=1e-3)
+    measures.plane_button.click()
+    normal = viewer.layers[f"normal of {name}"].data[0, 1]
+    assert abs(normal[0]) > 0.9 * np.linalg.norm(normal)
+    assert normal[0] < 0
+    measures.export(tmp_path / "out")
+    qtbot.waitUntil(lambda: measures._exporting is None, timeout=SECONDS)
+    assert (tmp_path / "out" / "labels.csv").exists()
+
+
+def test_a_textured_mesh_is_written_whole(opened: Any, qtbot: Any, tmp_path: Path) -> None:
+    from napari_unwrap3d.files.meshes import read_mesh
+
+    viewer, _, widget, _ = opened
+    layer = viewer.layers["surface"]
+    texturing = widget.annotating.texturing
+    qtbot.waitUntil(lambda: texturing.texture_of(layer) is not None, timeout=SECONDS)
+    assert COPIES in layer.metadata[KEY]
+    data, attributes, _ = layer.as_layer_data_tuple()
+    write_surface(str(tmp_path / "mesh.ply"), data, attributes)
+    mesh = read_mesh(tmp_path / "mesh.ply")
+    assert mesh.faces.shape == widget.annotating.atlas.surface.faces.shape
+    assert mesh.vertices.shape == widget.annotating.atlas.surface.vertices.shape
+
+
+def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: Any) -> None:
+    viewer, _, widget, annotations = opened
+    widget.slices.setChecked(True)
+    layers = widget.annotating.layers
+    qtbot.waitUntil(lambda: layers.layer("out of focus", "volume") is not None, timeout=SECONDS)
+    layer, mask = layers.layer("out of focus", "volume"), viewer.layers["mask"]
+    assert viewer.dims.ndisplay == 2
+    np.testing.assert_allclose(layer.scale, mask.scale)
+    np.testing.assert_allclose(layer.translate, mask.translate)
+    assert [str(unit) for unit in viewer.layers.units] == ["micrometer"] * 3
+    middle = np.array(mask.data.shape) // 2
+    layer.brush_size = 2 * int(max(mask.data.shape))
+    layer.paint(tuple(middle), 1)
+    slab = annotations.labels("out of focus") == 1
+    z = widget.annotating.atlas.mask.to_index(widget.annotating.atlas.surface.vertices)[:, 0]
+    assert slab.any()
+    assert (np.abs(z[slab] - middle[0]) <= 1.0).all()
+    widget.slices.setChecked(False)
+    assert not layer.visible

@@ -1,0 +1,282 @@
+"""Drawing with the mouse, on meshes and images, and what the other views show of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
+from qtpy.QtGui import QMouseEvent
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
+
+from napari_unwrap3d.textured import COVER
+from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
+from viewer.opened import SECONDS, open_atlas
+
+LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+MESHES = ("surface", "reference")
+
+
+class Hand:
+    """A window with the small cell and an annotation, and a mouse."""
+
+    def __init__(self, viewer: Any, atlas: Any, qtbot: Any) -> None:
+        self.viewer, self.atlas, self.qtbot = viewer, atlas, qtbot
+        self.canvas = open_atlas(viewer, atlas, qtbot, names=(*MESHES, "uv", "topography"))
+        self.widget = AnnotationWidget(viewer)
+        viewer.window.add_dock_widget(self.widget, name="Annotations")
+        self.annotating = self.widget.annotating
+        self.annotations = atlas.annotations
+        self.widget.list.name_box.setEditText("drawn")
+        self.widget.list.add_button.click()
+        for name in MESHES:
+            viewer.layers[name].visible = name == "surface"
+        qtbot.waitUntil(self._ready, timeout=SECONDS)
+
+    def _ready(self) -> bool:
+        return (
+            self.annotating.layers.layer("drawn", "uv") is not None
+            and self.annotating.painter.ready(self.viewer.layers["surface"])
+            and all(self.texture(name) is not None for name in MESHES)
+        )
+
+    def texture(self, name: str) -> Any:
+        return self.annotating.texturing.texture_of(self.viewer.layers[name])
+
+    @property
+    def main(self) -> Any:
+        return self.viewer.window._qt_viewer.canvas.native
+
+    @property
+    def second(self) -> Any:
+        return self.canvas.qt_viewer.canvas.native
+
+    @property
+    def uv(self) -> Any:
+        return self.annotating.layers.layer("drawn", "uv")
+
+    def labels(self) -> Any:
+        return np.array(self.annotations.labels("drawn"))
+
+    def choose(self, tool: str, label: int = 1) -> None:
+        self.widget.label_box.setValue(label)
+        self.widget.tools[tool].click()
+
+    def look_at(self, point: Any, outwards: Any) -> None:
+        """Turn the main view so that a point of the surface is in its middle, up close."""
+        camera = self.viewer.scene.camera
+        camera.center = tuple(point)
+        helper = np.eye(3)[np.abs(outwards).argmin()]
+        up = np.cross(outwards, helper)
+        camera.set_view_direction(tuple(-np.asarray(outwards)), tuple(up))
+        camera.zoom = 60.0
+
+    def drag(self, native: Any, places: Iterable[tuple[float, float]], keys: Any = NONE) -> None:
+        """Press, move and release at shares (x, y) of a canvas."""
+        model = self.viewer if native is self.main else self.canvas.model
+        points = [QPoint(round(x * native.width()), round(y * native.height())) for x, y in places]
+        QTest.mousePress(native, LEFT, keys, points[0])
+        for point in points[1:]:
+            before = tuple(model.cursor.position)
+
+            def moved(point: QPoint = point, before: Any = before) -> bool:
+                """vispy leaves out events that follow each other too quickly."""
+                if tuple(model.cursor.position) == before:
+                    _move(native, point, keys)
+                return tuple(model.cursor.position) != before
+
+            self.qtbot.waitUntil(moved)
+        QTest.mouseRelease(native, LEFT, keys, points[-1])
+        self.settle()
+
+    def settle(self) -> None:
+        """Let what was drawn arrive everywhere."""
+        for layer in self.annotating.layers._layers.values():
+            self.qtbot.waitUntil(lambda layer=layer: not layer._pending)
+        painter = self.annotating.painter
+        self.qtbot.waitUntil(lambda: painter._lassoing is None, timeout=SECONDS)
+        timer = self.annotating.texturing._timer
+        self.qtbot.waitUntil(lambda: not timer.isActive())
+
+
+def _move(native: Any, point: QPoint, keys: Any) -> None:
+    event = QMouseEvent(
+        QEvent.Type.MouseMove,
+        QPointF(point),
+        QPointF(native.mapToGlobal(point)),
+        Qt.MouseButton.NoButton,
+        LEFT,
+        keys,
+    )
+    QApplication.sendEvent(native, event)
+
+
+@pytest.fixture(scope="module")
+def direct_atlas(small_atlas: Any) -> Any:
+    """The small cell with its direct chart, as small as the uv image."""
+    parameters = small_atlas.parameters
+    coarse = parameters.direct.model_copy(update={"rows": small_atlas.uv.shape[0]})
+    atlas = small_atlas.replaced(parameters=parameters.model_copy(update={"direct": coarse}))
+    assert atlas.direct.shape == atlas.uv.shape
+    return atlas
+
+
+@pytest.fixture
+def hand(make_napari_viewer: Any, direct_atlas: Any, qtbot: Any) -> Hand:
+    return Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot)
+
+
+def covered(hand: Hand, name: str, label: int = 1) -> Any:
+    """Which pixels of a layer's texture have the colour of a label, over the field."""
+    texture = hand.texture(name)
+    skin, base = texture._skin, texture._base.reshape(*texture._skin.covered.shape, 3)
+    colour = np.array(hand.annotating.style("drawn")[0][label][:3])
+    expected = base + COVER * (255 * colour - base)
+    shown = texture.pixels[:, : 2 * skin.rows].astype(float)
+    changed = np.abs(shown - base).max(axis=2) > 1
+    assert (np.abs(shown - expected).max(axis=2)[changed] <= 1).all()
+    return changed
+
+
+def test_what_is_drawn_in_uv_is_on_the_meshes(hand: Hand) -> None:
+    hand.choose("brush")
+    hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
+    drawn = hand.uv.data == 1
+    assert drawn.sum() > 20
+    assert (hand.annotations.image("drawn", "uv") == hand.uv.data).all()
+    # Every vertex whose place lies in a drawn pixel, on every sheet, and no other.
+    place = hand.atlas.topography.surface[:, 1:]
+    rows, columns = drawn.shape
+    known = np.isfinite(place).all(axis=1)
+    v, u = np.rint(np.where(known[:, None], place, 0.0)).astype(int).T
+    inside = known & drawn[np.clip(v, 0, rows - 1), u % columns]
+    assert ((hand.labels() == 1) == inside).all()
+    assert (covered(hand, "surface") == (hand.annotations.image("drawn", "direct") == 1)).all()
+    assert (covered(hand, "reference") == drawn).all()
+
+
+def test_one_stroke_is_one_step_in_every_view(hand: Hand) -> None:
+    hand.choose("brush")
+    hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
+    first = hand.labels()
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert (hand.labels() != first).any()
+    QTest.keyClick(hand.main, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    hand.settle()
+    assert (hand.labels() == first).all()
+    assert (hand.annotations.image("drawn", "uv") == hand.uv.data).all()
+    hand.widget.undo_button.click()
+    hand.settle()
+    assert not hand.labels().any()
+    assert not hand.uv.data.any()
+    assert not covered(hand, "surface").any()
+    hand.widget.redo_button.click()
+    hand.settle()
+    assert (hand.labels() == first).all()
+    assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
+
+
+def test_painting_on_the_surface_keeps_the_camera_and_turns_it_beside(hand: Hand) -> None:
+    hand.choose("brush")
+    camera = hand.viewer.scene.camera
+    before = camera.angles, camera.center, camera.zoom
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert (camera.angles, camera.center, camera.zoom) == before
+    assert camera.mouse_pan
+    marked = hand.labels()
+    assert marked.any()
+    hand.drag(hand.main, [(0.02 + 0.02 * k, 0.03) for k in range(5)])
+    assert camera.angles != before[0]
+    assert (hand.labels() == marked).all()
+    hand.choose("look")
+    angles = camera.angles
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert camera.angles != angles
+    assert (hand.labels() == marked).all()
+
+
+@pytest.mark.parametrize("where", ["seam", "pole"])
+def test_a_stroke_over_the_seam_or_a_pole_is_in_all_its_parts(hand: Hand, where: str) -> None:
+    rows, columns = hand.atlas.uv.shape
+    v, u = (rows / 2, -0.5) if where == "seam" else (0.0, columns / 4)
+    points, _ = hand.atlas.map(np.array([[v, u], [v, u + 1.0]]), "uv", "surface")
+    centre = hand.atlas.surface.vertices.mean(axis=0)
+    outwards = points[0] - centre
+    hand.look_at(points[0], outwards / np.linalg.norm(outwards))
+    hand.choose("brush")
+    hand.drag(hand.main, [(0.4 + 0.02 * k, 0.5) for k in range(11)])
+    hand.drag(hand.main, [(0.5, 0.4 + 0.02 * k) for k in range(11)])
+    marked = hand.labels() == 1
+    assert marked.sum() > 10
+    # Each marked vertex that lies outermost is seen in uv, and so on both sides.
+    image = hand.uv.data == 1
+    if where == "seam":
+        assert image[:, :4].any()
+        assert image[:, -4:].any()
+        assert not image[:, columns // 4 : -columns // 4].any()
+    else:
+        turn = np.flatnonzero(image[:3].any(axis=0))
+        assert np.ptp(turn) > columns / 2
+    assert (image == (hand.annotations.image("drawn", "uv") == 1)).all()
+    direct = hand.annotations.image("drawn", "direct") == 1
+    assert (covered(hand, "surface") == direct).all()
+    owners = np.unique(hand.atlas.direct.owner[direct])
+    assert set(owners) <= set(np.flatnonzero(marked))
+
+
+def test_a_fast_stroke_has_no_gaps(hand: Hand) -> None:
+    """Two events far apart mark what a slow stroke marks between them."""
+    hand.choose("brush")
+    hand.drag(hand.main, [(0.42, 0.5), (0.58, 0.5)])
+    fast = hand.labels() == 1
+    hand.widget.undo_button.click()
+    hand.drag(hand.main, [(x, 0.5) for x in np.linspace(0.42, 0.58, 12)])
+    slow = hand.labels() == 1
+    assert (fast & slow).sum() / (fast | slow).sum() > 0.9
+
+
+def test_lasso_eraser_and_shift(hand: Hand) -> None:
+    turn = np.linspace(0, 2 * np.pi, 16)
+    ring = [(0.5 + 0.06 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn]
+    hand.choose("lasso", label=2)
+    hand.drag(hand.main, ring)
+    marked = hand.labels() == 2
+    assert marked.sum() > 10
+    direction = np.array(hand.viewer.scene.camera.view_direction)
+    tools = hand.annotating.painter._tools[hand.viewer.layers["surface"]]
+    vertices = np.flatnonzero(marked)
+    assert tools.picker.visible(vertices, np.tile(direction, (len(vertices), 1))).all()
+    hand.choose("erase")
+    hand.drag(hand.main, [(0.48 + 0.01 * k, 0.5) for k in range(5)])
+    erased = hand.labels() == 2
+    assert 0 < erased.sum() < marked.sum()
+    hand.choose("lasso", label=2)
+    hand.drag(hand.main, ring, keys=Qt.KeyboardModifier.ShiftModifier)
+    assert not hand.labels().any()
+
+
+def test_painting_on_the_reference_marks_the_column(hand: Hand) -> None:
+    hand.viewer.layers["surface"].visible = False
+    hand.viewer.layers["reference"].visible = True
+    hand.choose("brush")
+    reference = hand.viewer.layers["reference"]
+    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
+    hand.drag(hand.main, [(0.48 + 0.01 * k, 0.5) for k in range(5)])
+    assert hand.labels().any()
+    assert (hand.uv.data == 1).any()
+    assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
+
+
+def test_closing_leaves_the_meshes_as_they_were(hand: Hand) -> None:
+    layer, mesh = hand.viewer.layers["surface"], hand.atlas.surface
+    assert len(layer.data[0]) > len(mesh.vertices)
+    hand.widget.list.delete_button.click()
+    assert len(layer.data[0]) == len(mesh.vertices)
+    assert (layer.data[1] == mesh.faces).all()
+    assert layer.texture is None
+    assert hand.annotating.layers.layer("drawn", "uv") is None
+    hand.widget.undo_button.click()
+    hand.qtbot.waitUntil(hand._ready, timeout=SECONDS)
