@@ -300,3 +300,21 @@ def test_a_factor_dropped_in_another_thread_gives_its_memory_back() -> None:
 def test_an_impossible_factor_raises_in_the_thread_that_asked() -> None:
     with pytest.raises(RuntimeError):
         Factor(sparse.csr_array((4, 4)))
+
+
+def test_a_factor_may_be_dropped_while_work_is_handed_to_a_thread(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The garbage collector comes at any time: it must not wait for a lock of this thread."""
+    lock = threading.Lock()
+    monkeypatch.setattr("concurrent.futures.thread._global_shutdown_lock", lock)
+    made = [Factor(sparse.eye_array(4, format="csc"))]
+
+    def drop() -> None:
+        with lock:
+            made.clear()
+
+    thread = threading.Thread(target=drop, daemon=True)
+    thread.start()
+    thread.join(timeout=20)
+    assert not thread.is_alive()

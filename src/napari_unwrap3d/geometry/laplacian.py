@@ -6,8 +6,9 @@ positive definite (paper, Step 1).
 
 from __future__ import annotations
 
+import threading
 import weakref
-from concurrent.futures import ThreadPoolExecutor
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -127,18 +128,36 @@ class Factor:
     def __init__(self, matrix: Any) -> None:
         # SciPy gives a factor's memory back only in the thread that made it, which must
         # therefore live as long; elsewhere it would be lost without a word.
-        owner = ThreadPoolExecutor(1, thread_name_prefix="factor")
-        try:
-            self._lu = [owner.submit(_factorised, matrix).result()]
-        except BaseException:
-            owner.shutdown(wait=False)
-            raise
-        weakref.finalize(self, _give_back, owner, self._lu).atexit = False
+        made: SimpleQueue[Any] = SimpleQueue()
+        over: SimpleQueue[None] = SimpleQueue()
+        threading.Thread(
+            target=_factorise, args=([matrix], made, over), name="factor", daemon=True
+        ).start()
+        del matrix
+        self._lu = made.get()
+        if isinstance(self._lu, BaseException):
+            raise self._lu
+        # The garbage collector may come at any time, also while a lock is held: putting into
+        # this kind of queue is all that it may do.
+        weakref.finalize(self, over.put, None).atexit = False
 
     def solve(self, right: Floats) -> Floats:
         """Solution of A x = right, for right (n,) or (n, k)."""
         solution: Floats = self._lu[0].solve(right)
         return solution
+
+
+def _factorise(matrix: list[Any], made: SimpleQueue[Any], over: SimpleQueue[None]) -> None:
+    """Make a factor, and wait until it is over with it; runs in a thread of its own."""
+    factor: list[Any] = []
+    try:
+        factor.append(_factorised(matrix.pop()))
+    except BaseException as error:  # noqa: BLE001 (raised in the thread that asked)
+        made.put(error)
+        return
+    made.put(factor)
+    over.get()
+    factor.clear()
 
 
 def _factorised(matrix: Any) -> Any:
@@ -150,11 +169,6 @@ def _factorised(matrix: Any) -> Any:
         panel_size=1,
         options={"SymmetricMode": True},
     )
-
-
-def _give_back(owner: ThreadPoolExecutor, factor: list[Any]) -> None:
-    owner.submit(factor.clear)
-    owner.shutdown(wait=False)
 
 
 def conjugate_gradient(

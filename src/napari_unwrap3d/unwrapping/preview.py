@@ -19,7 +19,8 @@ from ..geometry.laplacian import vertex_mass
 from ..geometry.mesh import signed_volume
 from ..parameters import ReferenceParameters
 from ..progress import Progress
-from .flow import curvature_flow, fit_to
+from .cortex_fit import fit_to
+from .flow import curvature_flow
 from .reference import coarsened, plugged
 
 PREVIEW_VERTICES = 30_000

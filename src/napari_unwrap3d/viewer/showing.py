@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import weakref
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QPushButton, QWidget
 
-from .layers import KEY
+from .layers import KEY, SPACE
 from .notice import small_button
 from .sources import is_source
 
@@ -17,6 +19,7 @@ if TYPE_CHECKING:
 
 DOCK_NAME = "Shown in 3D"
 STACK = "stack"
+MARGIN = 0.05
 # Layer → what its switch says, and what it is.
 SWITCHES = {
     STACK: ("Stack", "The images, as they were recorded."),
@@ -140,10 +143,29 @@ def _is_image(layer: Layer) -> bool:
 
 
 def fit_visible(viewer: Any) -> None:
-    """Bring all visible layers into view, without turning the camera."""
-    shown = [layer for layer in viewer.layers if layer.visible]
-    if shown:
-        viewer.fit_to_view(layers=shown)
+    """Bring all visible layers into view, without turning the camera.
+
+    napari's own fit fails when a layer has fewer axes than another, such as a mesh beside a
+    stack with channels.
+    """
+    boxes = [layer.extent.world[:, -3:] for layer in viewer.layers if _is_shown(layer)]
+    if not boxes:
+        return
+    low, high = np.min(boxes, axis=(0, 1)), np.max(boxes, axis=(0, 1))
+    center, camera = (low + high) / 2, viewer.scene.camera
+    if viewer.dims.ndisplay == 3:
+        up = np.asarray(camera.up_direction)
+        right = np.cross(camera.view_direction, up)
+        corners = np.array(list(itertools.product(*zip(low, high, strict=True)))) - center
+        size = np.array([np.ptp(corners @ up), np.ptp(corners @ right)])
+    else:
+        size, center[0] = (high - low)[1:], 0.0
+    camera.center = tuple(center)
+    camera.zoom = (1 - MARGIN) * float((np.asarray(viewer.canvas.size) / size).min())
+
+
+def _is_shown(layer: Layer) -> bool:
+    return bool(layer.visible) and layer.ndim >= len(SPACE)
 
 
 def show_charts_only(viewer: Any) -> None:
