@@ -18,8 +18,9 @@ from ..charts import Ints
 from ..errors import Unwrap3DError
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
-from .painting import LOOK, TOOLS, SurfacePainter
+from .painting import LOOK, POINT, TOOLS, SurfacePainter
 from .placing import chart_of
+from .point_layers import PointLayers
 from .session import session_of
 from .shape_layers import ShapeLayers
 from .texturing import Texturing, Watching
@@ -97,6 +98,7 @@ class Annotating(QObject):
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
+        self.points = PointLayers(viewer, self)
         for key, what in KEYS.items():
             viewer.bind_key(key, self._undo if what == "undo" else self._redo, overwrite=True)
 
@@ -138,6 +140,7 @@ class Annotating(QObject):
         self._texturing = Texturing(viewer, atlas, annotations, self.style, watching, self)
         self.layers.show(annotations, watching)
         self.shapes.show(annotations)
+        self.points.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
@@ -161,6 +164,7 @@ class Annotating(QObject):
             canvas.charts_changed.connect(self._on_charts)
             canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
+            self.points.use_canvas(canvas)
 
     def _on_session(self, _: Any = None) -> None:
         assert self._session is not None
@@ -177,6 +181,7 @@ class Annotating(QObject):
             self._texturing = None
         self.layers.leave()
         self.shapes.leave()
+        self.points.leave()
         self.painter.forget()
 
     def close(self) -> None:
@@ -266,6 +271,11 @@ class Annotating(QObject):
         if tool != LOOK:
             self.painter.prepare()
         self.chosen.emit()
+
+    @property
+    def points_wanted(self) -> bool:
+        """Whether a click sets a point."""
+        return self._tool == POINT
 
     def undo(self) -> None:
         """Take back the last stroke, in whichever view it was drawn."""

@@ -27,7 +27,7 @@ from .annotating import LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
-from .painting import BRUSH, ERASE, FILL, LASSO, LOOK
+from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 
 if TYPE_CHECKING:
     import napari
@@ -44,6 +44,11 @@ TOOL_TEXTS = {
         "Lasso",
         "In 3D: draw around a part of the cell; what you see inside is marked. In an image: "
         "click the corners of a polygon, and double-click to end it.",
+    ),
+    POINT: (
+        "Point",
+        "Click the surface, or an image, to set a named point. In the layer “points” of the "
+        "3D canvas points can be moved and deleted.",
     ),
     FILL: ("Fill", "In an image: click a region to give all of it the current label."),
 }
