@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,9 @@ def stack(small_atlas: Atlas) -> Stack:
 
 
 def test_there_are_titles_with_units(small_atlas: Atlas) -> None:
-    titles = field_titles(small_atlas)
+    # A copy: the fields of the shared one may know a stack from another test.
+    atlas = small_atlas.replaced()
+    titles = field_titles(atlas)
     assert next(iter(titles)) == CURVATURE
     assert titles[CURVATURE] == "Mean curvature (1/µm)"
     known = {CURVATURE, HEIGHT, GAUSSIAN, AREA_DISTORTION, CONFORMAL_ERROR, REFERENCE_CURVATURE}
@@ -90,6 +93,19 @@ def test_values_are_computed_once(small_atlas: Atlas, monkeypatch: pytest.Monkey
     monkeypatch.setattr(Atlas, "carry", no_more)
     assert field_on(small_atlas, HEIGHT, "uv") is first
     assert fields_of(small_atlas).known(HEIGHT, "uv")
+
+
+def test_another_atlas_of_the_same_charts_knows_what_was_computed(small_atlas: Atlas) -> None:
+    first, second = small_atlas.replaced(), small_atlas.replaced(quality={})
+    values = field_on(first, HEIGHT, "reference")
+    second_fields = fields_of(second)
+    second_fields.adopt(fields_of(first))
+    assert second_fields.values(HEIGHT, "reference") is values
+    moved = small_atlas.surface.vertices + 1.0
+    other = small_atlas.replaced(surface=replace(small_atlas.surface, vertices=moved))
+    other_fields = fields_of(other)
+    other_fields.adopt(fields_of(first))
+    assert not other_fields.known(HEIGHT, "reference"), "its surface is another"
 
 
 def test_what_is_missing_is_said_and_not_computed(small_atlas: Atlas) -> None:

@@ -220,6 +220,23 @@ class Fields:
         chart = "surface" if self.reachable(name, "surface") else self.field(name).home
         return colours_of(name, self.values(name, chart))
 
+    def adopt(self, other: Fields) -> None:
+        """Take over what is known of another atlas of the same charts, so that none is lost.
+
+        A run that adds the direct chart or the plane makes a new atlas of the same others.
+        """
+        mine, theirs = self.atlas, other._atlas()
+        if theirs is None or other.stack is not self.stack:
+            return
+        for chart in ("surface", "sealed", "reference", "uv", "topography"):
+            if mine.has(chart) != theirs.has(chart) or (
+                mine.has(chart) and _core(mine, chart) is not _core(theirs, chart)
+            ):
+                return
+        for (name, chart), values in other._values.items():
+            if name in self._fields and chart not in ("direct", "plane"):
+                self._values.setdefault((name, chart), values)
+
     def at(self, name: str, corners: npt.NDArray[np.integer], weights: Floats) -> float | None:
         """The value at a place on the surface; None before the field's values are known.
 
@@ -258,6 +275,12 @@ class Fields:
         if "sealed" in (source, chart):
             return _on_sealed(atlas, values)
         return np.asarray(atlas.carry(values, source, chart, progress=progress))
+
+
+def _core(atlas: Atlas, chart: str) -> Any:
+    """What stays the same object when a chart is given more fields."""
+    own = getattr(atlas, chart)
+    return own.face if chart == "uv" else own if chart == "topography" else own.vertices
 
 
 def _catalogue(atlas: Atlas, stack: Stack | None) -> list[Field]:

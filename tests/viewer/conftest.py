@@ -13,11 +13,12 @@ import pytest
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.parameters import Parameters
-from napari_unwrap3d.pipeline import STEP_NAMES, Kept
+from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
 
 EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
+ON_REQUEST_NAMES = tuple(step.name for step in ON_REQUEST)
 
 
 class FakePipeline:
@@ -47,15 +48,17 @@ class FakePipeline:
         until: str = "topography",
     ) -> Atlas:
         assert isinstance(progress, Progress)
-        self.computed.append([])
+        computed: list[str] = []
         self.threads.add(threading.current_thread().name)
-        for step, key in self._wanted(parameters).items():
+        for step, key in self._wanted(parameters, until).items():
             if step in self.kept and self.kept[step].key == key:
                 continue
             self._compute(step, progress.named(step))
-            self.computed[-1].append(step)
+            if not computed:
+                self.computed.append(computed)
+            computed.append(step)
             name = "mask" if step == "stack" else step
-            chart = getattr(self.atlas, name) if name in self.charts else None
+            chart = replace(getattr(self.atlas, name)) if name in self.charts else None
             self.kept[step] = Kept(key, chart, dict(self.atlas.quality.get(step, {})), 0.25)
         missing = {name: None for name in EVERY_CHART if name not in self.charts}
         return self.atlas.replaced(**missing)
@@ -63,6 +66,8 @@ class FakePipeline:
     def state(self, parameters: Parameters) -> dict[str, str]:
         states = {}
         for step, key in self._wanted(parameters).items():
+            if step in ON_REQUEST_NAMES and not self._asked(step, parameters):
+                continue
             kept = self.kept.get(step)
             states[step] = "missing" if kept is None else "done" if kept.key == key else "stale"
         return states
@@ -82,13 +87,22 @@ class FakePipeline:
             time.sleep(0.01)
         progress(1.0)
 
+    def _asked(self, step: str, parameters: Parameters) -> bool:
+        return step in self.kept or getattr(parameters, step).compute
+
     @staticmethod
-    def _wanted(parameters: Parameters) -> dict[str, str]:
+    def _wanted(parameters: Parameters, until: str = "") -> dict[str, str]:
+        """Keys of the steps up to one; by default of all, those on request included."""
         wanted, key = {}, ""
-        groups = parameters.model_dump()
+        groups = parameters.model_dump(exclude={"direct": {"compute"}, "plane": {"compute"}})
         for step in STEP_NAMES:
             key += str(groups.get(step, ""))
             wanted[step] = key
+            if step == until and step != STEP_NAMES[-1]:
+                return wanted
+        for step in ON_REQUEST_NAMES:
+            if not until or getattr(parameters, step).compute:
+                wanted[step] = key + str(groups[step])
         return wanted
 
 

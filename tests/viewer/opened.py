@@ -46,7 +46,8 @@ def open_atlas(
     charts = atlas_charts(atlas)
     layout = Layout.of(charts)
     layers = [layer for name in reversed(charts) for layer in chart_layers(name, charts, layout)]
-    for _ in session._place([each for each in layers if each[1]["name"] in names]):
+    shown = [each for each in layers if each[1]["name"] in names]
+    for _ in session._place(shown, charts):
         pass
     session._finish(atlas)
     canvas = canvas_of(viewer)

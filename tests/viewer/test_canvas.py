@@ -42,6 +42,20 @@ def turn_wheel(canvas: UnwrappedCanvas, steps: int) -> None:
     QApplication.sendEvent(native, event)
 
 
+def zoom_in(canvas: UnwrappedCanvas, qtbot: Any) -> float:
+    """Turn the wheel until something comes of it; returns the zoom."""
+    camera = canvas.model.scene.camera
+    whole = camera.zoom
+
+    def nearer() -> bool:
+        if camera.zoom <= 2 * whole:
+            turn_wheel(canvas, 2)
+        return bool(camera.zoom > 2 * whole)
+
+    qtbot.waitUntil(nearer, timeout=SECONDS)
+    return float(camera.zoom)
+
+
 def visible(canvas: UnwrappedCanvas) -> set[str]:
     return {layer.name for layer in canvas.model.layers if layer.visible}
 
@@ -86,10 +100,7 @@ def test_each_chart_has_its_layers_and_its_zoom(
     assert visible(canvas) == {"uv", "drawn"}
     labels.visible = False
     camera = canvas.model.scene.camera
-    whole = camera.zoom
-    turn_wheel(canvas, 3)
-    qtbot.waitUntil(lambda: camera.zoom > 1.1 * whole, timeout=SECONDS)
-    near = camera.zoom
+    near = zoom_in(canvas, qtbot)
 
     press(canvas.chart_buttons["topography"])
     assert canvas.chart == "topography"
@@ -123,10 +134,7 @@ def test_the_whole_image_stays_in_view_until_it_is_zoomed(
     width = canvas.model.canvas.size[1]
     press(canvas.tools_button)
     qtbot.waitUntil(lambda: canvas.model.canvas.size[1] < width and fits(), timeout=SECONDS)
-    whole = camera.zoom
-    turn_wheel(canvas, 3)
-    qtbot.waitUntil(lambda: camera.zoom > 1.1 * whole, timeout=SECONDS)
-    near = camera.zoom
+    near = zoom_in(canvas, qtbot)
     press(canvas.tools_button)
     qtbot.waitUntil(lambda: canvas.model.canvas.size[1] == width, timeout=SECONDS)
     assert camera.zoom > 0.5 * near
@@ -183,6 +191,25 @@ def test_two_viewers_have_two_canvases_and_closing_leaves_nothing(
     assert open_canvas(first) is None
     assert len(models[0].layers) == 0
     assert len(models[1].layers) == 2
+
+
+def test_keys_work_in_the_canvas_that_has_the_focus(
+    make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas
+) -> None:
+    viewer = make_napari_viewer(show=True)
+    canvas = open_atlas(viewer, small_atlas, qtbot)
+    control = Qt.KeyboardModifier.ControlModifier
+    main, second = viewer.window._qt_viewer.canvas.native, canvas.qt_viewer.canvas.native
+    assert viewer.dims.ndisplay == 3
+    QTest.keyClick(main, Qt.Key.Key_Y, control)
+    assert viewer.dims.ndisplay == 2
+    QTest.keyClick(second, Qt.Key.Key_Y, control)
+    assert (viewer.dims.ndisplay, canvas.model.dims.ndisplay) == (2, 2)
+    canvas.model.scene.camera.zoom = 20
+    zoom = viewer.scene.camera.zoom
+    QTest.keyClick(second, Qt.Key.Key_R, control)
+    assert canvas.model.scene.camera.zoom < 10
+    assert viewer.scene.camera.zoom == zoom
 
 
 def test_the_theme_follows_the_window(

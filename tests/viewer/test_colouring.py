@@ -73,9 +73,7 @@ def test_a_field_is_chosen_once_and_seen_everywhere(
     z = viewer.layers["surface"].data[0][:, 0]
     values = viewer.layers["surface"].vertex_values
     known = values > 0
-    assert np.corrcoef(z[known], values[known])[0, 1] > 0.95, (
-        "the channel is brighter further along z"
-    )
+    assert np.corrcoef(z[known], values[known])[0, 1] > 0.95, "it is brighter along z"
 
 
 def test_napari_s_own_controls_change_all_views(

@@ -12,6 +12,7 @@ from napari.layers import Layer
 
 from napari_unwrap3d import simulate
 from napari_unwrap3d.parameters import Parameters
+from napari_unwrap3d.pipeline import STEP_NAMES
 from napari_unwrap3d.viewer import demo, samples
 from napari_unwrap3d.viewer.placing import chart_of
 
@@ -46,9 +47,9 @@ def test_the_main_job_in_a_window(make_napari_viewer: Any, qtbot: Any, tmp_path:
     assert {"surface", "reference", "sphere", "uv", "topography"} <= {
         chart_of(layer) for layer in viewer.layers
     }
-    assert all(step.seconds is not None for step in widget.session.steps.values())
-    for name, (_, _, numbers) in widget.step_list.rows.items():
-        assert numbers.text(), name
+    assert all(widget.session.steps[name].seconds is not None for name in STEP_NAMES)
+    for name in STEP_NAMES:
+        assert widget.panels[name].status.text(), name
     qtbot.waitUntil(output.exists, timeout=20_000)
     qtbot.waitUntil(lambda: "Saved" in widget.message.text(), timeout=20_000)
 

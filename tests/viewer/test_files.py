@@ -94,7 +94,7 @@ def test_a_chart_is_written_without_its_place_beside_the_cell(
         data, attributes = layers[name]
         saved(tmp_path / "chart.ply", Layer.create(data, attributes, "surface"))
         again = read_mesh(tmp_path / "chart.ply", repaired=False)
-        expected = data[0] * np.asarray(attributes["scale"])
+        expected = data[0] * np.abs(attributes["scale"])
         np.testing.assert_allclose(again.vertices, expected, atol=1e-4)
 
 

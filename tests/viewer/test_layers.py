@@ -107,7 +107,7 @@ def test_the_topographic_surface_is_as_wide_as_the_equator(
     rows, columns = round_cell.uv.shape
     assert flat.scale[2] * columns == pytest.approx(2 * np.pi * RADIUS, rel=0.02)
     assert flat.scale[1] * rows == pytest.approx(np.pi * RADIUS, rel=0.02)
-    assert flat.scale[0] == 1.0
+    assert flat.scale[0] == -1.0, "outwards is towards the viewer"
 
 
 def test_unwrapped_charts_lie_at_zero_in_pixels(

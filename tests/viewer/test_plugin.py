@@ -14,7 +14,7 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import save_project
 from napari_unwrap3d.viewer import samples
 from napari_unwrap3d.viewer.placing import chart_of
-from napari_unwrap3d.viewer.unwrap_widget import UnwrapWidget
+from napari_unwrap3d.viewer.wizard import Wizard
 
 PLUGIN = "napari-unwrap3d"
 MANIFEST = Path(samples.__file__).parents[1] / "napari.yaml"
@@ -30,9 +30,9 @@ def plugin(npe2pm: Any, make_napari_viewer: Any, monkeypatch: pytest.MonkeyPatch
 def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any) -> None:
     viewer = plugin()
     viewer.open_sample(PLUGIN, "blebs")
-    _, widget = viewer.window.add_plugin_dock_widget(PLUGIN, "Unwrap cell")
-    assert isinstance(widget, UnwrapWidget)
-    assert widget.layer_box.value.name == "blebs", "the stack, not its truth"
+    _, widget = viewer.window.add_plugin_dock_widget(PLUGIN, "Unwrap")
+    assert isinstance(widget, Wizard)
+    assert widget.chooser.layer_box.value.name == "blebs", "the stack, not its truth"
     assert widget.run_button.isEnabled()
     with qtbot.waitSignal(widget.session.finished, timeout=20_000):
         widget.run_button.click()

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.viewer.showing import ShownBar
 from viewer.opened import open_atlas
-from viewer.rendering import alike, assert_looks_like, picture
+from viewer.rendering import BACKGROUND, alike, assert_looks_like, picture
 
 
 def test_the_canvases_look_as_before(
@@ -29,3 +31,22 @@ def test_the_canvases_look_as_before(
     assert_looks_like(slice_above, "topography_slice")
     canvas.depth_bar.set_depth(-0.25)
     assert not alike(slice_above, picture(canvas.qt_viewer))
+
+
+def test_meshes_are_lit_from_the_front(
+    make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas
+) -> None:
+    viewer = make_napari_viewer(show=True)
+    names = ("surface", "topographic surface", "uv")
+    open_atlas(viewer, small_atlas, qtbot, names=names)
+    bar = viewer.window._qt_window.findChild(ShownBar)
+    for name in ("surface", "topographic surface"):
+        viewer.layers[name].colormap = "gray"
+        viewer.layers[name].contrast_limits = (-1e6, -1e5)
+        for angles in ((0, 0, 0), (30, 20, 10), (-30, 20, -40)):
+            viewer.scene.camera.angles = angles
+            bar.show_alone(name)
+            drawn = picture(viewer.window._qt_viewer, (40, 40)).astype(int)
+            mesh = np.abs(drawn - BACKGROUND).max(axis=2) > 100
+            # White all over: what is dark is in the shade.
+            assert drawn[mesh].mean() > 80, (name, angles)

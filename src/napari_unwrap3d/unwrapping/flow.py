@@ -8,6 +8,7 @@ curvature flow computes it anew at every iteration.
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -53,6 +54,7 @@ def curvature_flow(
     progress: Progress,
     *,
     mean_over: int | None = None,
+    on_iteration: Callable[[Floats], None] | None = None,
 ) -> Flow:
     """Run the flow until its stopping rule fires.
 
@@ -65,6 +67,8 @@ def curvature_flow(
     mean_over : int, optional
         Number of vertices of the mesh whose mean |K| the paper's rule speaks of, where the
         flow runs on a coarser one.
+    on_iteration : callable, optional
+        Called after every iteration with its vertices (n, 3).
 
     Raises
     ------
@@ -95,6 +99,8 @@ def curvature_flow(
             logger.warning("the flow broke down after iteration %d: %s", iteration - 1, error)
             break
         points = moved
+        if on_iteration is not None:
+            on_iteration(points)
         curve.append(total_absolute_curvature(points, faces))
         if stop_at is None:
             fired = stopping_rule(np.array(curve), mean_over or len(vertices), parameters)

@@ -157,11 +157,13 @@ def _thickened(sheets: Mask | None, deepest: float) -> npt.NDArray[np.bool_] | N
     return thick_sheets if thick_sheets.any() else None
 
 
-def coarsened(vertices: Floats, faces: Ints, progress: Progress) -> tuple[Floats, Ints]:
-    """The mesh with at most `FLOW_VERTICES` vertices, if that keeps it a closed sphere."""
-    if len(vertices) <= FLOW_VERTICES:
+def coarsened(
+    vertices: Floats, faces: Ints, progress: Progress, most: int = FLOW_VERTICES
+) -> tuple[Floats, Ints]:
+    """The mesh with at most so many vertices, if that keeps it a closed sphere."""
+    if len(vertices) <= most:
         return vertices, faces
-    fewer, triangles = simplify(vertices, faces, FLOW_VERTICES)
+    fewer, triangles = simplify(vertices, faces, most)
     if euler_characteristic(triangles) != 2 or not is_watertight(triangles):
         return vertices, faces
     return relax(fewer, triangles, progress, iterations=3)

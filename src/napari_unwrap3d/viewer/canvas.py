@@ -204,6 +204,7 @@ class UnwrappedCanvas(QWidget):
         for event in (layers.inserted, layers.removed, layers.reordered):
             event.connect(self._list_later)
         self.model.canvas.events.size.connect(self._on_resized)
+        self.model.dims.events.ndisplay.connect(self._on_ndisplay)
         self.notice.pressed.connect(self._on_notice)
         self.requested.changed.connect(self._update)
         self.requested.computed.connect(self._on_computed)
@@ -342,6 +343,10 @@ class UnwrappedCanvas(QWidget):
         if self._view.fitted:
             self.fit()
 
+    def _on_ndisplay(self, _: Any = None) -> None:
+        """The shortcut for 3D is for the other canvas."""
+        self.model.dims.ndisplay = 2
+
     def _on_resized(self, _: Any = None) -> None:
         # Later, because napari still adapts its own zoom to the size.
         self._fit_timer.start()
@@ -381,7 +386,6 @@ class UnwrappedCanvas(QWidget):
             self.compute(chart)
 
     def _on_atlas(self, _: Any) -> None:
-        self.requested.forget()
         self.charts_changed.emit()
         self._update()
 
@@ -419,6 +423,7 @@ class UnwrappedCanvas(QWidget):
             viewer.events.theme.disconnect(self._on_theme)
         self.cursor.close()
         self._lighting.close()
+        self.requested.close()
         self.colouring.close()
         self.depth_bar.close_bar()
         self.model.layers.clear()

@@ -139,8 +139,11 @@ class Colouring(QObject):
     # Values come from a thread --------------------------------------------------
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        source = self._canvas.session.source
+        source = self._canvas.session.source_data
+        before = self.fields
         self.fields = fields_of(atlas, source if isinstance(source, Stack) else None)
+        if before is not None:
+            self.fields.adopt(before)
         self._wanted = self.field if self.field in self.fields.names else CURVATURE
         if self._wanted not in self.fields.names:
             self._wanted = self.fields.names[0] if self.fields.names else ""
@@ -160,8 +163,9 @@ class Colouring(QObject):
         self._task = Task(_values_everywhere, fields, name)
         self._task.returned.connect(self._on_values)
         self._task.failed.connect(self._on_failed)
-        self._task.start()
+        # Before the start: what is known already comes back within it.
         self.working.emit(True)
+        self._task.start()
 
     def _on_values(self, computed: tuple[Fields, str]) -> None:
         self._task = None

@@ -6,6 +6,8 @@ closed during a run can be freed.
 
 from __future__ import annotations
 
+import importlib
+import itertools
 import time
 import zlib
 from dataclasses import dataclass, field
@@ -18,7 +20,7 @@ from qtpy.QtCore import QObject, Signal
 from ..atlas import Atlas
 from ..charts import Stack, Surface
 from ..parameters import Parameters
-from ..pipeline import STEP_NAMES, Pipeline
+from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline
 from ..progress import Progress
 from .layers import LayerData, Layout, atlas_charts, chart_layers, chart_of_step
 from .sources import LayerSource
@@ -64,6 +66,8 @@ class Computation(QObject):
         Corners of the source in the viewer in µm: the charts are laid out around it.
     known : Known, optional
         The last run's; its results are used when the source is still the same.
+    until : str
+        The last step to run.
 
     Signals
     -------
@@ -71,15 +75,15 @@ class Computation(QObject):
         The source is new, and so is this :class:`Known`; comes before any progress.
     progressed(str, float, str)
         Step, fraction 0..1 and message, at most twenty times a second.
-    charts_ready(list)
-        Layers of a chart that is done, made in the thread.
+    charts_ready(list, object)
+        Layers of a chart that is done, made in the thread, and a dict of all known charts.
     ended(object)
         An :class:`Outcome`.
     """
 
     source_changed = Signal(object)
     progressed = Signal(str, float, str)
-    charts_ready = Signal(list)
+    charts_ready = Signal(list, object)
     ended = Signal(object)
 
     def __init__(
@@ -88,12 +92,14 @@ class Computation(QObject):
         parameters: Parameters,
         box: npt.ArrayLike,
         known: Known | None = None,
+        until: str = STEP_NAMES[-1],
     ) -> None:
         super().__init__()
         self._source = source
         self._parameters = parameters
         self._box = box
         self._known = known
+        self._until = until
         self._progress = Progress(self._report)
         self._step = ""
         self._reported = 0.0
@@ -122,10 +128,25 @@ class Computation(QObject):
     # In the thread -----------------------------------------------------------
 
     def _compute(self) -> Atlas:
-        atlas = self._pipeline().run(self._parameters, self._progress)
+        # The plots need it later, and importing it would hold up the window.
+        importlib.import_module("matplotlib.figure")
+        pipeline = self._pipeline()
+        pipeline.run(self._parameters, self._progress, until=self._until)
+        atlas = self._complete(pipeline)
         charts = atlas_charts(atlas)
         self._show(charts, tuple(charts))
         return atlas
+
+    def _complete(self, pipeline: Pipeline) -> Atlas:
+        """The atlas with later steps that still hold, too; nothing is computed for it."""
+        states = pipeline.state(self._parameters)
+        held = list(itertools.takewhile(lambda name: states[name] == "done", STEP_NAMES))
+        groups = self._parameters.model_dump()
+        for step in ON_REQUEST:
+            groups[step.name]["compute"] = states.get(step.name) == "done"
+        holding = Parameters.from_dict(groups)
+        atlas = pipeline.run(holding, self._progress, until=held[-1])
+        return atlas.replaced(parameters=self._parameters)
 
     def _pipeline(self) -> Pipeline:
         """The last run's pipeline, or a new one when the source is another."""
@@ -166,7 +187,7 @@ class Computation(QObject):
                 layers += chart_layers(name, charts, layout)
                 shown[name] = charts[name]
         if layers:
-            self.charts_ready.emit(layers)
+            self.charts_ready.emit(layers, dict(charts))
 
 
 def fingerprint(source: LayerSource) -> tuple[Any, ...]:

@@ -63,16 +63,17 @@ def start_demo(
     """Do in an open viewer what :func:`open_demo` does; returns the dock widget."""
     from napari.layers import Layer
 
-    from .unwrap_widget import UnwrapWidget
+    from .wizard import Wizard
 
     viewer.window.resize(*WINDOW)
     stack, *others = [Layer.create(*layer) for layer in sample(kind, size=size, seed=seed)]
     viewer.layers.extend([stack, *others])
     viewer.layers.selection.active = stack
-    widget = UnwrapWidget(viewer)
-    viewer.window.add_dock_widget(widget, name="Unwrap cell", area="right")
+    widget = Wizard(viewer)
+    widget.session.set_source(stack)
+    viewer.window.add_dock_widget(widget, name="Unwrap", area="right")
     if parameters is not None:
-        widget.form.set_values(parameters)
+        widget.session.set_parameters(parameters)
 
     def done(atlas: Atlas | None) -> None:
         if atlas is not None and output is not None:

@@ -41,6 +41,7 @@ class DepthBar(QWidget):
         self._of: Atlas | None = None
         self._moving = False
         self._range = (-1, -1)
+        self._limits = (0.0, 1.0)
         self._build()
         self.content.textActivated.connect(self.show_content)
         self.mode.currentTextChanged.connect(self._on_mode)
@@ -126,6 +127,7 @@ class DepthBar(QWidget):
     def _on_mode(self, _: str = "") -> None:
         self.sliders.setCurrentIndex(0 if self.mode.currentText() == SLICE else 1)
         self._apply()
+        self._set_limits()
 
     def _apply(self, _: Any = None) -> None:
         """Bring the canvas to what the bar says."""
@@ -200,15 +202,28 @@ class DepthBar(QWidget):
     def _show(self, values: npt.NDArray[Any]) -> None:
         image = self._canvas.image("topography")
         if image is not None:
-            data, attributes, _ = volume_layer(values)
-            image.data = data
-            image.contrast_limits_range = attributes["contrast_limits"]
-            image.contrast_limits = attributes["contrast_limits"]
+            image.data, attributes, _ = volume_layer(values)
+            self._limits = attributes["contrast_limits"]
+            self._set_limits()
+
+    def _set_limits(self) -> None:
+        """Contrast of the whole content, or of the projection: a maximum is brighter."""
+        image = self._canvas.image("topography")
+        if image is None:
+            return
+        if self.mode.currentText() == SLICE or self.content.currentText() == MASK:
+            low, high = self._limits
+            image.contrast_limits_range = (low, max(high, image.contrast_limits_range[1]))
+            image.contrast_limits = (low, high)
+        else:
+            image.reset_contrast_limits("slice")
 
     def _on_atlas(self, atlas: Atlas) -> None:
-        if atlas is self._of or not atlas.has("topography"):
+        if not atlas.has("topography"):
             return
-        self._of = atlas
+        before, self._of = self._of, atlas
+        if before is not None and before.topography is atlas.topography:
+            return
         self._contents = {MASK: atlas.topography.mask}
         stack = self._stack()
         self.content.clear()
@@ -219,7 +234,7 @@ class DepthBar(QWidget):
         self._update_range()
 
     def _stack(self) -> Stack | None:
-        source = self._canvas.session.source
+        source = self._canvas.session.source_data
         return source if isinstance(source, Stack) else None
 
     def close_bar(self) -> None:

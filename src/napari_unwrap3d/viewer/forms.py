@@ -7,6 +7,7 @@ knows a particular parameter; which ones are shown first is said by the caller.
 from __future__ import annotations
 
 import math
+import re
 import types
 from collections.abc import Collection, Iterator
 from typing import Any, Literal, Union, get_args, get_origin
@@ -28,6 +29,7 @@ from qtpy.QtWidgets import QFormLayout, QLabel, QSizePolicy, QWidget
 AUTOMATIC = "automatic"
 LARGEST = 1_000_000
 FIELD_WIDTH = 110
+_NUMBERS = re.compile(r"[\s,;×]+")
 
 
 class WheelGuard(QObject):
@@ -61,6 +63,20 @@ class Entry:
         if self.optional:
             self.widget.native.setPlaceholderText(AUTOMATIC)
 
+    def means(self, value: Any) -> bool:
+        """Whether the entry, as it is typed, already stands for this value."""
+        if not self.is_text:
+            return bool(self.value == value)
+        typed = self.value
+        if typed is None or value is None or isinstance(value, str):
+            return bool(typed == value)
+        try:
+            return [float(part) for part in _NUMBERS.split(typed.strip(" []()"))] == [
+                float(number) for number in (value if isinstance(value, tuple) else (value,))
+            ]
+        except ValueError:
+            return False
+
     @property
     def value(self) -> Any:
         """As the model takes it: text of numbers is left to the model to read."""
@@ -87,12 +103,22 @@ class ParametersForm(QWidget):
     main : collection of str
         Paths (``"step.parameter"``) that are always shown; the others appear with
         :meth:`show_all`.
+    steps : collection of str, optional
+        Only these steps; by default all, each under its heading.
+    without : collection of str
+        Paths that the form does not ask for.
     """
 
     changed = Signal()
 
     def __init__(
-        self, defaults: BaseModel, main: Collection[str], parent: QWidget | None = None
+        self,
+        defaults: BaseModel,
+        main: Collection[str],
+        parent: QWidget | None = None,
+        *,
+        steps: Collection[str] | None = None,
+        without: Collection[str] = (),
     ) -> None:
         super().__init__(parent)
         self._model = type(defaults)
@@ -108,15 +134,18 @@ class ParametersForm(QWidget):
         self._layout.setFieldGrowthPolicy(QFormLayout.FieldGrowthPolicy.AllNonFixedFieldsGrow)
         self._layout.setLabelAlignment(Qt.AlignmentFlag.AlignLeft)
         for step, info in self._model.model_fields.items():
-            self._add_step(step, info)
+            if steps is None or step in steps:
+                self._add_step(step, info, without)
         self.set_values(defaults)
         self.show_all(False)
 
-    def _add_step(self, step: str, info: FieldInfo) -> None:
+    def _add_step(self, step: str, info: FieldInfo, without: Collection[str]) -> None:
         heading = QLabel(f"<b>{info.title or step}</b>")
         self._headings[step] = heading
         self._layout.addRow(heading)
         for path, field in _fields(step, info):
+            if path in without:
+                continue
             entry = Entry(path, field)
             title = QLabel(entry.label)
             title.setToolTip(entry.widget.tooltip)
@@ -142,14 +171,23 @@ class ParametersForm(QWidget):
 
     def set_values(self, parameters: BaseModel) -> None:
         """Show the values of `parameters`; emits `changed` once."""
+        self.show_values(parameters)
+        self.changed.emit()
+
+    def show_values(self, parameters: BaseModel) -> None:
+        """Show the values of `parameters`, which are no change of the user's: no signal.
+
+        What is typed in another way, "1e-5" for 0.00001, stays as it is typed.
+        """
         self.blockSignals(True)
         try:
             for path, entry in self.entries.items():
                 step, name = path.split(".")
-                entry.value = getattr(getattr(parameters, step), name)
+                value = getattr(getattr(parameters, step), name)
+                if not entry.means(value):
+                    entry.value = value
         finally:
             self.blockSignals(False)
-        self.changed.emit()
 
     def show_all(self, show: bool) -> None:
         """Show every parameter under its step's heading, or the main ones only."""
@@ -161,6 +199,10 @@ class ParametersForm(QWidget):
         self._hidden = set(paths)
         self._update_rows()
 
+    def has_more(self) -> bool:
+        """Whether :meth:`show_all` would show anything that is not shown first."""
+        return bool(set(self.entries) - self._main - self._hidden)
+
     def _update_rows(self) -> None:
         shown = set()
         for path, entry in self.entries.items():
@@ -169,7 +211,8 @@ class ParametersForm(QWidget):
             if visible:
                 shown.add(path.split(".")[0])
         for step, heading in self._headings.items():
-            self._layout.setRowVisible(heading, self._all and step in shown)
+            several = len(self._headings) > 1
+            self._layout.setRowVisible(heading, several and self._all and step in shown)
 
 
 def _as_text(value: Any) -> str:

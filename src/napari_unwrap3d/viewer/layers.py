@@ -314,7 +314,8 @@ def _topography(
         chart, "surface from topography", SPACE, translate=layout.origin, visible=False
     )
     carried = _attributes(chart, "topographic surface", NORMAL, translate=corner, visible=False)
-    carried["scale"] = (1.0, pixel, pixel)
+    # The viewer's first axis points away: turned around, what protrudes comes nearer.
+    carried["scale"] = (-1.0, pixel, pixel)
     surface: Surface | None = charts.get("surface")
     values = None if surface is None else surface.fields.get(CURVATURE)
     cut, kept = flat_surface(topography)

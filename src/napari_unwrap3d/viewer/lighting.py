@@ -50,14 +50,17 @@ class Lighting(QObject):
         if str(camera.orientation[0]) != "away":
             return
         view, up = np.array(camera.view_direction[::-1]), np.array(camera.up_direction[::-1])
-        light = view - up - np.cross(up, view)
+        # From above the left shoulder, but mostly from the front.
+        light = 2 * view - up - np.cross(up, view)
         visuals = viewer.window._qt_viewer.canvas.layer_to_visual
         for layer in viewer.layers:
             if KEY in layer.metadata and type(layer).__name__ == "Surface" and layer in visuals:
                 visual = visuals[layer]
-                visual._light_direction = light
+                # A mirrored layer turns the side that counts as its front.
+                own = light * np.sign(np.prod(layer.scale[-3:]))
+                visual._light_direction = own
                 if visual.node.shading_filter is not None:
-                    visual.node.shading_filter.light_dir = light
+                    visual.node.shading_filter.light_dir = own
 
     def _later(self, _: Any = None) -> None:
         self._timer.start()

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from qtpy.QtCore import QObject, Signal
 
+from ..errors import ChartMissingError, Unwrap3DError
 from .notice import Notice
-from .threads import Task
+from .threads import Task, tell
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
@@ -40,25 +41,51 @@ class RequestedCharts(QObject):
         super().__init__(parent)
         self._session = session
         self._task: Task | None = None
-        self._of: Atlas | None = None
         self.running = ""
         self.refused: dict[str, str] = {}
+        session.finished.connect(self._on_finished)
+        session.stopped.connect(self._on_stopped)
 
     def compute(self, chart: str) -> None:
-        """Compute a chart in a thread."""
+        """Compute a chart in a thread: as a step of a run, where the cell can be run on."""
         atlas = self._session.atlas
-        if atlas is None or self._task is not None:
+        if atlas is None or self.running or self._session.running:
             return
-        self.running, self._of = chart, atlas
-        self._task = Task(getattr, atlas, chart)
-        self._task.returned.connect(self._on_returned)
-        self._task.failed.connect(self._on_failed)
-        self._task.start()
+        self.running = chart
+        if self._session.blocked():
+            # An atlas from a file, whose source is not open.
+            self._task = Task(_computed, atlas, chart)
+            self._task.returned.connect(self._on_returned)
+            self._task.failed.connect(self._on_failed)
+            self._task.start()
+        else:
+            try:
+                self._session.run(until=chart)
+            except Unwrap3DError as error:
+                self.running = ""
+                tell(error)
         self.changed.emit()
 
-    def forget(self) -> None:
-        """Another atlas may have what this one was refused."""
-        self.refused.clear()
+    def look(self, atlas: Atlas) -> None:
+        """Take what an atlas says about its charts."""
+        self.refused = {}
+        for chart in ON_REQUEST:
+            numbers = atlas.quality.get(chart, {})
+            if "reason" in numbers and not atlas.has(chart):
+                self.refused[chart] = f"{numbers['reason']}\n{numbers.get('hint', '')}".strip()
+
+    def _on_finished(self, atlas: Atlas) -> None:
+        self.look(atlas)
+        self._end()
+
+    def _on_stopped(self, _: str) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        """A run is over; a task of our own is not."""
+        if self._task is None:
+            self.running = ""
+        self.changed.emit()
 
     def explain(self, chart: str, notice: Notice) -> None:
         """Say why a chart is not shown, and offer what can be done."""
@@ -73,17 +100,33 @@ class RequestedCharts(QObject):
         elif atlas.has(chart):
             notice.wait("Drawing …")
         else:
-            busy = self._task is not None
+            busy = bool(self.running) or self._session.running
             notice.say(f"{MEANINGS[chart]}\nIt takes a while.", "Compute" * (not busy), chart)
 
-    def _on_returned(self, _: Any) -> None:
-        chart, self.running, self._task = self.running, "", None
-        if self._of is self._session.atlas:
+    def _on_returned(self, computed: tuple[Atlas, str]) -> None:
+        atlas, chart = computed
+        self.running, self._task = "", None
+        if atlas is self._session.atlas:
+            self.look(atlas)
             self.computed.emit(chart)
         self.changed.emit()
 
     def _on_failed(self, error: BaseException) -> None:
-        chart, self.running, self._task = self.running, "", None
-        if self._of is self._session.atlas:
-            self.refused[chart] = str(error)
+        self.running, self._task = "", None
         self.changed.emit()
+        tell(error)
+
+    def close(self) -> None:
+        """Listen no longer."""
+        self._session.finished.disconnect(self._on_finished)
+        self._session.stopped.disconnect(self._on_stopped)
+
+
+def _computed(atlas: Atlas, chart: str) -> tuple[Atlas, str]:
+    """Compute a chart by reading it; one that is refused says so in the atlas' quality."""
+    try:
+        getattr(atlas, chart)
+    except ChartMissingError:
+        if "reason" not in atlas.quality.get(chart, {}):
+            raise
+    return atlas, chart

@@ -1,7 +1,7 @@
-"""The hub of one viewer: the source, its pipeline, the run in progress, the charts shown.
+"""The hub of one viewer: the source, the parameters, the pipeline, the run in progress.
 
-Widgets read the state of the steps here and listen to the signals; they hold none of
-their own, so closing and opening a dock loses nothing.
+Widgets read everything here and listen to the signals; they hold no state of their own,
+so several of them show the same, and closing and opening a dock loses nothing.
 """
 
 from __future__ import annotations
@@ -9,98 +9,238 @@ from __future__ import annotations
 import weakref
 from collections import deque
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from qtpy.QtCore import QEvent, QObject, QTimer, Signal
 
 from ..atlas import Atlas
-from ..errors import Cancelled, Unwrap3DError
+from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
-from ..pipeline import STEP_NAMES, Source
+from ..pipeline import ON_REQUEST, STEP_NAMES, Source
 from .canvas import canvas_of, open_canvas
 from .computing import Computation, Known, Outcome
 from .layers import LayerData, split_layers
 from .placing import chart_of, placing, remove_charts
+from .previews import Previews
 from .showing import fit_visible, show_charts_only
-from .sources import layer_box, layer_source, layer_voxel_size, set_voxel_size
+from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
+from .step_states import (
+    DONE,
+    FAILED,
+    NOT_READY,
+    RUNNING,
+    STALE,
+    STEPS,
+    StepState,
+    first_open_step,
+    pipeline_states,
+)
 from .threads import tell
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from napari.components import ViewerModel
     from napari.layers import Layer
 
+    from ..charts import Size3
+
 CLOSE_SECONDS = 5.0
+# A slider that rests this long has been moved where it should be.
+DEBOUNCE_MS = 300
+REQUESTED = tuple(step.name for step in ON_REQUEST)
 
-READY, RUNNING, DONE, STALE, FAILED = "ready", "running", "done", "stale", "failed"
-STATES = {"done": DONE, "stale": STALE, "missing": READY}
-
-
-@dataclass
-class StepState:
-    """How far a step is.
-
-    Attributes
-    ----------
-    state : str
-        "ready" (never run), "running", "done", "stale" (what is shown belongs to
-        other parameters) or "failed".
-    seconds : float or None
-        What the last computation took; None before it.
-    quality : mapping
-        The numbers of ``atlas.quality`` for this step.
-    """
-
-    state: str = READY
-    seconds: float | None = None
-    quality: Mapping[str, Any] = field(default_factory=dict)
+NO_LAYER = "Open a stack, a label image or a mesh (File > Open, or File > Open Sample)."
+ASK_VOXEL_SIZE = "The layer is in pixels. Fill in its voxel size (z, y, x) in µm."
 
 
 class Session(QObject):
     """What one viewer knows about its cell. Get it with :func:`session_of`.
 
+    Attributes
+    ----------
+    atlas : Atlas or None
+        The charts of the last run that ended well.
+    charts : dict
+        Every chart that is known, by name; during a run, those that are done.
+    steps : dict
+        Step → :class:`StepState`, in the order of the pipeline, Direct and Plane included.
+
     Signals
     -------
-    progressed(str, float, str)
-        Step, fraction 0..1 and message of the run in progress.
+    source_changed()
+        Another layer, or another voxel size of it.
+    parameters_changed(object)
+        The new :class:`Parameters`.
     steps_changed()
         The state of one or more steps changed.
+    charts_changed(object)
+        `charts` changed: comes during a run, as soon as a chart is done.
+    progressed(str, float, str)
+        Step, fraction 0..1 and message of the run in progress.
     running_changed(bool)
         A run started or ended.
     finished(object)
         A run ended well, with its :class:`Atlas`.
     stopped(str)
         A run ended otherwise; says why.
+    settled()
+        Parameters came to rest where everything is known: nothing runs.
+    closing()
+        The window closes.
     """
 
-    progressed = Signal(str, float, str)
+    source_changed = Signal()
+    parameters_changed = Signal(object)
     steps_changed = Signal()
+    charts_changed = Signal(object)
+    progressed = Signal(str, float, str)
     running_changed = Signal(bool)
     finished = Signal(object)
     stopped = Signal(str)
+    settled = Signal()
+    closing = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._viewer = weakref.ref(viewer)
         self.atlas: Atlas | None = None
-        self.steps = {name: StepState() for name in STEP_NAMES}
+        self.charts: dict[str, Any] = {}
+        self.steps = {name: StepState() for name in STEPS}
+        self.update_automatically = True
+        self._source: weakref.ref[Layer] | None = None
+        self._voxel_size: Size3 | None = None
         self._known: Known | None = None
         self._parameters = Parameters()
+        self._problems: dict[str, str] = {}
+        self._failed: tuple[str, str] | None = None
         self._computation: Computation | None = None
+        self._until = ""  # of the last run: what a changed parameter computes anew
+        self._again = False  # the run in progress is cancelled to start anew
         self._work: deque[Iterator[None]] = deque()
         self._timer = QTimer(self)
         self._timer.setInterval(0)
         self._timer.timeout.connect(self._do_next)
+        self._rest = QTimer(self)
+        self._rest.setSingleShot(True)
+        self._rest.setInterval(DEBOUNCE_MS)
+        self._rest.timeout.connect(self._update)
         self._closed = False
         # The view is set for the first charts; afterwards it belongs to the user.
         self._turn_to_3d = self._fit_at_end = False
+        self.previews: Previews | None = None
+        self._update_states()
+
+    # The source --------------------------------------------------------------
+
+    @property
+    def viewer(self) -> ViewerModel | None:
+        """The viewer; None once it is gone."""
+        return self._viewer()
+
+    @property
+    def source(self) -> Layer | None:
+        """The layer of the cell."""
+        return None if self._source is None else self._source()
+
+    @property
+    def voxel_size(self) -> Size3 | None:
+        """(z, y, x) in µm: the layer's own, or what was filled in for a layer in pixels."""
+        layer = self.source
+        known = None if layer is None else layer_voxel_size(layer)
+        return known if known is not None else self._voxel_size
+
+    def set_source(self, layer: Layer | None, voxel_size: Size3 | None = None) -> None:
+        """Choose the layer of the cell; `voxel_size` (z, y, x) in µm is for one in pixels."""
+        another = layer is not self.source
+        if not another and voxel_size == self._voxel_size:
+            return
+        self._source = None if layer is None else weakref.ref(layer)
+        self._voxel_size = voxel_size
+        if another:
+            self._until, self._failed = "", None
+            self._choose_label(layer)
+        self._update_states()
+        self.source_changed.emit()
+
+    def sources(self) -> list[Layer]:
+        """The layers that can be unwrapped."""
+        viewer = self._viewer()
+        return [] if viewer is None else [layer for layer in viewer.layers if is_source(layer)]
+
+    def blocked(self) -> str:
+        """Why nothing can run, in words for the user; empty if it can."""
+        if self.source is None:
+            return NO_LAYER
+        return "" if self.voxel_size is not None else ASK_VOXEL_SIZE
+
+    def source_was_edited(self) -> None:
+        """The layer's scale or units changed."""
+        self._update_states()
+        self.source_changed.emit()
+
+    def _choose_label(self, layer: Layer | None) -> None:
+        """A label image starts with the label that is selected in it; others have none."""
+        labels = type(layer).__name__ == "Labels"
+        chosen = max(int(layer.selected_label), 1) if labels else None  # type: ignore[union-attr]
+        if chosen != self._parameters.stack.label:
+            self.set_parameters(_with(self._parameters, "stack", {"label": chosen}))
+
+    # The parameters ----------------------------------------------------------
+
+    @property
+    def parameters(self) -> Parameters:
+        """What the next run uses; set them with :meth:`set_parameters`."""
+        return self._parameters
+
+    def set_parameters(self, parameters: Parameters) -> None:
+        """Use other parameters; after a first run what they change is computed anew."""
+        if parameters == self._parameters:
+            return
+        self._parameters = parameters
+        self._failed = None
+        if self.update_automatically and self._until:
+            self._rest.start()
+        self._update_states()
+        self.parameters_changed.emit(parameters)
+
+    def set_values(self, step: str, values: dict[str, Any]) -> None:
+        """Set some parameters of one step, as a form gives them.
+
+        What is out of range is kept as this step's problem, and said when it should run.
+        """
+        try:
+            parameters = _with(self._parameters, step, values)
+        except ParameterError as error:
+            self._problems[step] = str(error)
+            self._update_states()
+            return
+        solved = self._problems.pop(step, None)
+        self.set_parameters(parameters)
+        if solved is not None:
+            self._update_states()
+
+    def _update(self) -> None:
+        """The parameters have come to rest: compute what they changed."""
+        if self._closed or not self.update_automatically or self._problems or self.blocked():
+            return
+        if self.running:
+            self._again = True
+            self.cancel()
+        elif any(self.steps[name].state != DONE for name in self._reached()):
+            self._start_or_tell(self._until)
+        else:
+            self.settled.emit()
+
+    def _reached(self) -> list[str]:
+        """The steps of the last run."""
+        if self._until in STEP_NAMES[:-1]:
+            return list(STEPS[: STEPS.index(self._until) + 1])
+        asked = [name for name in REQUESTED if getattr(self._parameters, name).compute]
+        return [*STEP_NAMES, *asked]
 
     # Running -----------------------------------------------------------------
 
     @property
-    def source(self) -> Source | None:
+    def source_data(self) -> Source | None:
         """The stack, mask or mesh of the last run."""
         return None if self._known is None else self._known.pipeline.source
 
@@ -108,35 +248,45 @@ class Session(QObject):
     def running(self) -> bool:
         return self._computation is not None
 
-    def run(
-        self,
-        layer: Layer,
-        parameters: Parameters,
-        voxel_size: tuple[float, float, float] | None = None,
-    ) -> None:
-        """Start the pipeline on a layer; only what changed since the last run is computed.
+    def run(self, until: str = "") -> None:
+        """Compute what is missing or stale, up to a step.
 
         Parameters
         ----------
-        layer : Image, Labels or Surface layer
-        parameters : Parameters
-        voxel_size : (float, float, float), optional
-            (z, y, x) in µm; given to a layer in pixels, ignored for others.
+        until : str
+            A step of :data:`STEPS`; by default all of them, and of those on request
+            (Direct, Plane) the ones that the parameters ask for.
 
         Raises
         ------
         Unwrap3DError
-            The layer cannot be a source; or a run is in progress.
+            There is no source, or the layer cannot be one; a parameter is out of range;
+            or a run is in progress.
         """
         if self.running:
             raise Unwrap3DError("A run is in progress.", hint="Cancel it first.")
+        if reason := self.blocked():
+            raise Unwrap3DError("There is nothing to run on.", hint=reason)
+        if self._problems:
+            raise ParameterError(next(iter(self._problems.values())))
+        if until in REQUESTED:
+            # From now on it is one of the steps that a changed parameter computes anew.
+            self.set_parameters(_with(self._parameters, until, {"compute": True}))
+            until = STEP_NAMES[-1]
+        self._start(until or STEP_NAMES[-1])
+
+    def _start(self, until: str) -> None:
+        layer = self.source
+        assert layer is not None
+        voxel_size = self.voxel_size
         source = layer_source(layer, voxel_size)
         if layer_voxel_size(layer) is None and voxel_size is not None:
             set_voxel_size(layer, voxel_size)
-        self._parameters = parameters
+        self._rest.stop()
+        self._until, self._again, self._failed = until, False, None
         self._update_states()
         self._forget_removed()
-        computation = Computation(source, parameters, layer_box(layer), self._known)
+        computation = Computation(source, self._parameters, layer_box(layer), self._known, until)
         computation.source_changed.connect(self._on_source)
         computation.progressed.connect(self._on_progress)
         computation.charts_ready.connect(self._on_charts)
@@ -147,22 +297,31 @@ class Session(QObject):
         computation.start()
         self.running_changed.emit(True)
 
+    def _start_or_tell(self, until: str) -> None:
+        try:
+            self._start(until)
+        except Unwrap3DError as error:
+            self.stopped.emit(str(error))
+            tell(error)
+
     def cancel(self) -> None:
         """Stop the run in progress; returns at once, `stopped` follows."""
         if self._computation is not None:
             self._computation.cancel()
 
-    def parameters_changed(self, parameters: Parameters) -> None:
-        """Mark what a run with these parameters would compute anew."""
-        self._parameters = parameters
-        if not self.running:
-            self._update_states()
+    def cancel_by_user(self) -> None:
+        """Stop the run in progress, and what a moved slider would start after it."""
+        self._again = False
+        self._rest.stop()
+        self.cancel()
 
     def close(self) -> None:
         """Cancel and wait for the computing thread, which ends within half a second."""
         self._closed = True
-        self._timer.stop()
+        for timer in (self._timer, self._rest):
+            timer.stop()
         self._work.clear()
+        self.closing.emit()
         if self._computation is not None:
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
@@ -212,32 +371,36 @@ class Session(QObject):
             remove_charts(each)
         self._known = known
         self.atlas = None
-        self.steps = {name: StepState() for name in STEP_NAMES}
-        self.steps_changed.emit()
+        self._update_states()
+        self.charts = {}
+        self.charts_changed.emit(self.charts)
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:
         if step in self.steps and self.steps[step].state != RUNNING:
-            self._update_states()
-            self.steps[step].state = RUNNING
-            self.steps_changed.emit()
+            self._update_states(running=step)
         self.progressed.emit(step, fraction, message)
 
-    def _on_charts(self, layers: list[LayerData]) -> None:
-        self._later(self._place(layers))
+    def _on_charts(self, layers: list[LayerData], charts: dict[str, Any]) -> None:
+        self._later(self._place(layers, charts))
 
-    def _place(self, layers: list[LayerData]) -> Iterator[None]:
+    def _place(self, layers: list[LayerData], charts: dict[str, Any]) -> Iterator[None]:
         viewer = self._viewer()
         if viewer is None or self._closed:
             return
         own, unwrapped = split_layers(layers)
         yield from placing(viewer, own)
         if unwrapped:
-            yield from canvas_of(viewer).place(unwrapped)
-        if self._turn_to_3d:
+            # Opening it takes a tenth of a second: a turn of its own.
+            canvas = canvas_of(viewer)
+            yield
+            yield from canvas.place(unwrapped)
+        if self._turn_to_3d and layers:
             self._turn_to_3d = False
             viewer.dims.ndisplay = 3
             viewer.reset_view()
             show_charts_only(viewer)
+        self.charts = charts
+        self.charts_changed.emit(charts)
 
     def _on_ended(self, outcome: Outcome) -> None:
         self._later(self._end(outcome))
@@ -245,14 +408,22 @@ class Session(QObject):
     def _end(self, outcome: Outcome) -> Iterator[None]:
         yield
         self._computation = None
+        cancelled = isinstance(outcome.error, Cancelled)
+        if cancelled and self._again:
+            self._start_or_tell(self._until)
+            if self.running:
+                return
         if outcome.atlas is not None:
             self._finish(outcome.atlas)
-        elif isinstance(outcome.error, Cancelled):
+        elif cancelled:
             self._update_states()
             self.stopped.emit("Cancelled. Run again to continue from the last finished step.")
         elif outcome.error is not None:
             self._fail(outcome.error)
         self.running_changed.emit(False)
+        if self._again or any(self.steps[name].state == STALE for name in self._reached()):
+            # A slider was moved so late that the run came to its end.
+            self._rest.start()
 
     def _finish(self, atlas: Atlas) -> None:
         self.atlas = atlas
@@ -263,30 +434,39 @@ class Session(QObject):
         self.finished.emit(atlas)
 
     def _fail(self, error: BaseException) -> None:
+        ours = isinstance(error, Unwrap3DError)
+        reason = str(error) if ours else f"{type(error).__name__}: {error}"
         self._update_states()
         # The step that failed is the first one without a result.
-        for step in self.steps.values():
-            if step.state != DONE:
-                step.state = FAILED
-                break
-        self.steps_changed.emit()
-        ours = isinstance(error, Unwrap3DError)
-        self.stopped.emit(str(error) if ours else f"{type(error).__name__}: {error}")
+        failed = next((name for name in self._reached() if self.steps[name].state != DONE), "")
+        self._failed = (failed, reason)
+        self._update_states()
+        self.stopped.emit(reason)
         tell(error)
 
-    def _update_states(self) -> None:
-        """Ask the pipeline which results still hold for the current parameters."""
-        if self._known is None:
-            return
-        pipeline = self._known.pipeline
-        for name, state in pipeline.state(self._parameters).items():
-            kept = pipeline.kept.get(name)
-            self.steps[name] = StepState(
-                STATES[state],
-                None if kept is None else kept.seconds,
-                {} if kept is None else kept.numbers,
-            )
+    def next_step(self) -> str:
+        """The step that is sensible to run next; empty if there is none."""
+        return "" if self.blocked() else first_open_step(self.steps)
+
+    def _update_states(self, running: str = "") -> None:
+        """Which results hold for the current parameters, and what keeps a step from running."""
+        pipeline = None if self._known is None else self._known.pipeline
+        self.steps = pipeline_states(pipeline, self._parameters, self.blocked())
+        for step, problem in self._problems.items():
+            self.steps[step] = StepState(NOT_READY, reason=problem)
+        if self._failed is not None and self._failed[0] in self.steps:
+            step, reason = self._failed
+            self.steps[step] = StepState(FAILED, reason=reason)
+        if running:
+            self.steps[running].state = RUNNING
         self.steps_changed.emit()
+
+
+def _with(parameters: Parameters, step: str, values: dict[str, Any]) -> Parameters:
+    """The parameters with other values of one step, checked."""
+    groups = parameters.model_dump()
+    groups[step] |= values
+    return Parameters.from_dict(groups)
 
 
 _SESSIONS: weakref.WeakKeyDictionary[Any, Session] = weakref.WeakKeyDictionary()
@@ -307,5 +487,6 @@ def session_of(viewer: Any) -> Session:
         window = viewer.window._qt_window
         session = Session(viewer, window)
         window.installEventFilter(session)
+        session.previews = Previews(session)
         _SESSIONS[viewer] = session
     return session

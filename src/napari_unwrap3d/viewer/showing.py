@@ -28,6 +28,7 @@ SWITCHES = {
     "sphere (conformal)": ("Conformal", "The reference on a sphere, with its angles kept."),
     "topographic surface": ("Topography", "The surface over the (u, v) plane: height is d."),
 }
+CELL = ("surface", "sealed surface")
 ALONE = "Double-click: show it alone."
 
 
@@ -75,6 +76,11 @@ class ShownBar(QWidget):
         """Show or hide one thing."""
         for layer in self.layers(name):
             layer.visible = shown
+        if name in CELL:
+            # What was sealed is marked on the cell, sealed or not.
+            on = any(layer.visible for each in CELL for layer in self.layers(each))
+            for layer in self.layers("sealed places"):
+                layer.visible = on
 
     def show_alone(self, name: str) -> None:
         """Show one thing only, as large as it fits."""

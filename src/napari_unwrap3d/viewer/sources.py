@@ -13,6 +13,7 @@ import numpy as np
 
 from ..charts import Mask, Size3, Stack, Surface, check_voxel_size
 from ..errors import AxesError, InputError
+from ..parameters import StackParameters
 from .layers import KEY, SPACE, UNIT
 
 if TYPE_CHECKING:
@@ -94,6 +95,38 @@ def layer_axes(layer: Layer) -> str:
             hint="A stack has three axes (z, y, x), with time and channel in front.",
         )
     return axes
+
+
+# How the names of those parameters begin that find a cell in an image.
+SEGMENTING = (
+    "background",
+    "deconvolution",
+    "edge",
+    "interior",
+    "local_contrast",
+    "psf",
+    "richardson",
+    "smoothing",
+    "threshold",
+    "wiener",
+)
+
+
+def senseless_parameters(layer: Layer | None) -> set[str]:
+    """Paths ``"stack.parameter"`` that make no sense for this kind of layer."""
+    kind = type(layer).__name__
+    names = StackParameters.model_fields
+    hidden = {"timepoint", "channel", "label"}
+    if layer is not None and kind in ("Image", "Labels"):
+        axes = layer_axes(layer)
+        hidden -= {"timepoint"} if "t" in axes else set()
+        hidden -= {"channel"} if "c" in axes else set()
+    if kind == "Labels":
+        hidden -= {"label"}
+        hidden |= {name for name in names if name.startswith(SEGMENTING)}
+    elif kind == "Surface":
+        hidden |= {name for name in names if name != "working_voxel_um"}
+    return {f"stack.{name}" for name in hidden}
 
 
 def layer_source(layer: Layer, voxel_size: Size3 | None = None) -> LayerSource:

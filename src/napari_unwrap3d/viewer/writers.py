@@ -40,6 +40,9 @@ def write_surface(path: str, data: Any, attributes: dict[str, Any]) -> list[str]
 
     data, attributes = _whole(data, attributes)
     layer = Layer.create(data, _known(attributes), "surface")
+    if KEY in layer.metadata:
+        # The topographic surface is shown with d towards the viewer, and written as it is.
+        layer.scale = np.abs(layer.scale)
     check_placement(layer)
     vertices = np.asarray(data[0], dtype=float) * layer.scale
     if KEY not in layer.metadata:

@@ -19,33 +19,33 @@ from napari_unwrap3d.files.project import read_summary
 from napari_unwrap3d.pipeline import STEP_NAMES
 from napari_unwrap3d.viewer.canvas import canvas_of
 from napari_unwrap3d.viewer.placing import chart_of
-from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.session import ASK_VOXEL_SIZE, NO_LAYER, session_of
 from napari_unwrap3d.viewer.threads import THREAD_NAME
-from napari_unwrap3d.viewer.unwrap_widget import ASK_VOXEL_SIZE, NO_LAYER, UnwrapWidget
+from napari_unwrap3d.viewer.wizard import Wizard
 from synthetic import icosphere
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
 SECONDS = 20_000
 
-Dock = Callable[..., tuple[napari.Viewer, UnwrapWidget]]
+Dock = Callable[..., tuple[napari.Viewer, Wizard]]
 
 
 @pytest.fixture
 def dock(make_napari_viewer: Any, fake_pipeline: Any, stack: np.ndarray) -> Dock:
     """A window with a stack and the dock widget."""
 
-    def make(**layer: Any) -> tuple[napari.Viewer, UnwrapWidget]:
+    def make(**layer: Any) -> tuple[napari.Viewer, Wizard]:
         viewer = make_napari_viewer()
         if layer:
             viewer.add_image(stack, name="stack", **layer)
-        widget = UnwrapWidget(viewer)
-        viewer.window.add_dock_widget(widget, name="Unwrap cell")
+        widget = Wizard(viewer)
+        viewer.window.add_dock_widget(widget, name="Unwrap")
         return viewer, widget
 
     return make
 
 
-def run(widget: UnwrapWidget, qtbot: Any) -> None:
+def run(widget: Wizard, qtbot: Any) -> None:
     """Press Run and wait for the end."""
     with qtbot.waitSignal(widget.session.running_changed, timeout=SECONDS, check_params_cb=_ended):
         widget.run_button.click()
@@ -69,9 +69,9 @@ def test_run_adds_every_chart(dock: Dock, qtbot: Any, fake_pipeline: Any) -> Non
     assert {"uv", "topography"} == set(charts(canvas_of(viewer).model))
     assert [str(unit) for unit in viewer.layers.units] == ["micrometer"] * 3
     assert viewer.dims.ndisplay == 3
-    assert {step.state for step in widget.session.steps.values()} == {"done"}
+    assert {widget.session.steps[name].state for name in STEP_NAMES} == {"done"}
     assert "Done in" in widget.message.text()
-    assert widget.step_list.rows["reference"][2].text()
+    assert widget.panels["reference"].status.text()
     assert widget.save_button.isEnabled()
     (pipeline,) = fake_pipeline.made
     assert threading.main_thread().name not in pipeline.threads
@@ -84,14 +84,14 @@ def test_a_second_run_computes_what_changed_and_replaces_in_place(
     run(widget, qtbot)
     before = charts(viewer)
     viewer.dims.ndisplay = 2
-    widget.form.entries["sphere.blend"].widget.value = 0.5
+    widget.panels["sphere"].form.entries["sphere.blend"].widget.value = 0.5
     states = {name: step.state for name, step in widget.session.steps.items()}
     assert [name for name, state in states.items() if state == "stale"] == [
         "sphere",
         "uv",
         "topography",
     ]
-    assert widget.step_list.rows["sphere"][0].text() == "◐"
+    assert widget.panels["sphere"].mark.text() == "◐"
     run(widget, qtbot)
     (pipeline,) = fake_pipeline.made
     assert pipeline.computed == [list(STEP_NAMES), ["sphere", "uv", "topography"]]
@@ -111,9 +111,9 @@ def test_a_removed_chart_comes_back_with_the_next_run(dock: Dock, qtbot: Any) ->
 def test_paint_on_the_labels_starts_anew(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
     viewer, widget = dock()
     labels = viewer.add_labels(np.ones((6, 6, 6), int), **UM)
-    assert widget.form.entries["stack.label"].widget.native.isVisibleTo(widget)
+    assert widget.panels["stack"].form.entries["stack.label"].widget.native.isVisibleTo(widget)
     run(widget, qtbot)
-    assert widget.parameters().stack.label == 1
+    assert widget.session.parameters.stack.label == 1
     labels.data[2, 2, 2] = 2
     run(widget, qtbot)
     assert len(fake_pipeline.made) == 2
@@ -129,7 +129,7 @@ def test_charts_appear_while_the_run_goes_on(dock: Dock, qtbot: Any, fake_pipeli
     assert "sphere" not in charts(viewer)
     assert widget.progress_bar.isVisibleTo(widget)
     assert "Sphere" in widget.progress_bar.format()
-    assert widget.step_list.rows["sphere"][0].text() == "▶"
+    assert widget.panels["sphere"].mark.text() == "▶"
     assert not widget.run_button.isEnabled()
     widget.cancel_button.click()
     qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
@@ -183,8 +183,8 @@ def test_an_unexpected_error_is_not_swallowed(
 
 def test_a_parameter_out_of_range_is_told(dock: Dock, errors: list[str]) -> None:
     _, widget = dock(**UM)
-    widget.form.entries["reference.delta"].widget.value = "-1"
-    assert "reference.delta" in widget.message.text()
+    widget.panels["reference"].form.entries["reference.delta"].widget.value = "-1"
+    assert "reference.delta" in widget.panels["reference"].status.text()
     widget.run_button.click()
     assert not widget.session.running
     assert "reference.delta" in errors[0]
@@ -194,41 +194,41 @@ def test_the_voxel_size_is_asked_for_and_never_guessed(
     dock: Dock, qtbot: Any, fake_pipeline: Any
 ) -> None:
     viewer, widget = dock(scale=(3, 1, 1))
-    assert widget.note.text() == ASK_VOXEL_SIZE
-    assert widget.voxel_size.value is None
+    assert widget.chooser.note.text() == ASK_VOXEL_SIZE
+    assert widget.chooser.voxel_size.value is None
     assert not widget.run_button.isEnabled()
-    widget.voxel_size.value = (0.3, 0.1, 0.1)
+    widget.chooser.voxel_size.value = (0.3, 0.1, 0.1)
     assert widget.run_button.isEnabled()
-    assert not widget.note.text()
+    assert not widget.chooser.note.text()
     run(widget, qtbot)
     np.testing.assert_allclose(viewer.layers["stack"].scale, (0.3, 0.1, 0.1))
     assert fake_pipeline.made[0].source.voxel_size == pytest.approx((0.3, 0.1, 0.1))
     assert viewer.layers.units is not None, "the stack has units now, like the charts"
-    assert not widget.voxel_size.isEnabled()
+    assert not widget.chooser.voxel_size.isEnabled()
 
 
 def test_a_known_voxel_size_is_shown_and_followed(dock: Dock) -> None:
     viewer, widget = dock(**UM)
-    assert widget.voxel_size.value == pytest.approx((0.3, 0.2, 0.2))
-    assert not widget.voxel_size.isEnabled()
+    assert widget.chooser.voxel_size.value == pytest.approx((0.3, 0.2, 0.2))
+    assert not widget.chooser.voxel_size.isEnabled()
     viewer.layers["stack"].scale = (0.4, 0.2, 0.2)
-    assert widget.voxel_size.value == pytest.approx((0.4, 0.2, 0.2))
+    assert widget.chooser.voxel_size.value == pytest.approx((0.4, 0.2, 0.2))
     viewer.layers["stack"].units = ("pixel",) * 3
-    assert widget.voxel_size.isEnabled()
+    assert widget.chooser.voxel_size.isEnabled()
 
 
 def test_the_layers_to_choose_from_follow_the_viewer(dock: Dock, stack: np.ndarray) -> None:
     viewer, widget = dock()
-    assert widget.note.text() == NO_LAYER
+    assert widget.chooser.note.text() == NO_LAYER
     assert not widget.run_button.isEnabled()
     viewer.add_image(np.zeros((5, 5)), name="flat")
-    assert not widget.layer_box.choices
+    assert not widget.chooser.layer_box.choices
     viewer.add_image(stack, name="stack", **UM)
     viewer.add_points(np.zeros((1, 3)), name="points")
-    assert [layer.name for layer in widget.layer_box.choices] == ["stack"]
+    assert [layer.name for layer in widget.chooser.layer_box.choices] == ["stack"]
     assert widget.run_button.isEnabled()
     del viewer.layers["stack"]
-    assert widget.note.text() == NO_LAYER
+    assert widget.chooser.note.text() == NO_LAYER
 
 
 def test_a_mesh_needs_no_threshold(dock: Dock) -> None:
@@ -236,19 +236,26 @@ def test_a_mesh_needs_no_threshold(dock: Dock) -> None:
     vertices, faces = icosphere(1)
     viewer.add_surface((vertices, faces), units=("µm",) * 3)
     assert widget.run_button.isEnabled()
-    assert not widget.form.entries["stack.threshold"].widget.native.isVisibleTo(widget)
-    assert widget.form.entries["reference.curvature_limit"].widget.native.isVisibleTo(widget)
+    assert (
+        not widget.panels["stack"].form.entries["stack.threshold"].widget.native.isVisibleTo(widget)
+    )
+    widget.panels["stack"].more.click()
+    assert (
+        widget.panels["stack"]
+        .form.entries["stack.working_voxel_um"]
+        .widget.native.isVisibleTo(widget)
+    )
 
 
 def test_presets_and_reset(dock: Dock) -> None:
     _, widget = dock(**UM)
     widget.preset_box.value = "ruffles"
-    assert widget.parameters().uv.axis_weight == "positive_curvature"
-    widget.form.entries["uv.rows"].widget.value = 64
-    widget.reset_button.click()
-    assert widget.parameters().uv.rows == 512
+    assert widget.session.parameters.uv.axis_weight == "positive_curvature"
+    widget.panels["uv"].form.entries["uv.rows"].widget.value = 64
+    widget.panels["uv"].reset_button.click()
+    assert widget.session.parameters.uv.rows == 512
     widget.preset_box.value = "defaults"
-    assert widget.parameters().uv.axis_weight == "mean_curvature"
+    assert widget.session.parameters.uv.axis_weight == "mean_curvature"
 
 
 def test_another_layer_takes_the_charts_of_the_first_away(
@@ -257,7 +264,7 @@ def test_another_layer_takes_the_charts_of_the_first_away(
     viewer, widget = dock(**UM)
     run(widget, qtbot)
     viewer.add_image(stack[::-1], name="other", **UM)
-    widget.layer_box.value = viewer.layers["other"]
+    widget.chooser.layer_box.value = viewer.layers["other"]
     fake_pipeline.behaviour["sphere"] = NotGenusZeroError("Not a ball.")
     run(widget, qtbot)
     assert "surface" in charts(viewer)
@@ -290,10 +297,10 @@ def test_closing_the_dock_keeps_the_run_and_opening_it_shows_the_state(
     qtbot.waitUntil(lambda: not session.running, timeout=SECONDS)
     viewer.layers["stack"].scale = (0.3, 0.3, 0.3)
     viewer.add_image(np.zeros((3, 3, 3)))
-    again = UnwrapWidget(viewer)
+    again = Wizard(viewer)
     viewer.window.add_dock_widget(again)
     assert again.session is session
-    assert again.step_list.rows["topography"][0].text() == "●"
+    assert again.panels["topography"].mark.text() == "●"
     assert again.save_button.isEnabled()
 
 
@@ -331,8 +338,8 @@ def test_charts_are_drawn_on_the_canvas(
     viewer.window.resize(900, 600)  # software draws slowly
     viewer.add_image(stack, name="stack", **UM)
     viewer.layers["stack"].visible = False
-    widget = UnwrapWidget(viewer)
-    viewer.window.add_dock_widget(widget, name="Unwrap cell")
+    widget = Wizard(viewer)
+    viewer.window.add_dock_widget(widget, name="Unwrap")
     run(widget, qtbot)
     # In a slice a mesh is a line.
     for dimensions, least in ((3, 0.05), (2, 0.003)):

@@ -1,0 +1,377 @@
+"""The panel of one step: its state, its parameters, Run, Reset and Cancel.
+
+The wizard stacks these panels; each is also a dock widget of its own. All of them show
+the one session of their viewer.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from qtpy.QtCore import QEvent, Qt
+from qtpy.QtGui import QMouseEvent
+from qtpy.QtWidgets import (
+    QCheckBox,
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QSizePolicy,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from ..errors import Unwrap3DError
+from ..parameters import Parameters
+from ..unwrapping.histograms import sphere_histograms, uv_histograms
+from .forms import ParametersForm
+from .session import Session, session_of
+from .source_chooser import SourceChooser
+from .sources import senseless_parameters
+from .step_plots import DistortionPlot, FlowPlot, Plot
+from .step_states import DONE, RUNNING, STEPS, TITLES
+from .step_texts import DESCRIPTIONS, IMPLIED, MAIN, all_numbers, mark_of, status_of
+from .threads import tell
+
+if TYPE_CHECKING:
+    import napari
+
+WIDTH = 360
+HIGHLIGHT = "#42a5f5"
+
+
+class StepPanel(QFrame):
+    """One step of the pipeline.
+
+    Parameters
+    ----------
+    session : Session
+    step : str
+        One of :data:`napari_unwrap3d.viewer.step_states.STEPS`.
+    expanded : bool
+        Whether its parameters are shown at first.
+    """
+
+    def __init__(
+        self, session: Session, step: str, *, expanded: bool = False, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.session, self.step = session, step
+        self.initial = Parameters()
+        self._plotted: Any = None
+        self._build()
+        self._arrange()
+        self._connect()
+        self.expand(expanded)
+        self._on_parameters(session.parameters)
+        self._on_source()
+        self._on_steps()
+        self._on_charts(session.charts)
+
+    # Building ----------------------------------------------------------------
+
+    def _build(self) -> None:
+        name = f"{STEPS.index(self.step) + 1}  {TITLES[self.step]}"
+        self.title = QToolButton()
+        self.title.setText(name)
+        self.title.setCheckable(True)
+        self.title.setAutoRaise(True)
+        self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.title.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.title.setToolTip(f"{DESCRIPTIONS[self.step]}\nClick to see the parameters.")
+        self.title.setStyleSheet(
+            "QToolButton { font-weight: bold; text-align: left; border: none;"
+            " background: transparent; padding: 2px; }"
+        )
+        self.seconds, self.mark = QLabel(), QLabel()
+        self.run_button, self.cancel_button = QPushButton("Run"), QPushButton("Cancel")
+        self.run_button.setToolTip(f"Compute everything up to this step: {TITLES[self.step]}.")
+        self.cancel_button.setToolTip("Stop; finished steps are kept.")
+        self.progress_bar = QProgressBar()
+        self.progress_bar.setRange(0, 1000)
+        self.progress_bar.setTextVisible(False)
+        self.progress_bar.setFixedHeight(6)
+        self.status = QLabel()
+        self.status.setWordWrap(True)
+        self.description = QLabel(DESCRIPTIONS[self.step])
+        self.description.setWordWrap(True)
+        self.form = ParametersForm(Parameters(), MAIN, steps=(self.step,), without=IMPLIED)
+        self.more = QCheckBox("More")
+        self.more.setToolTip("Show every parameter of this step.")
+        self.reset_button = QPushButton("Reset")
+        self.reset_button.setToolTip("Back to the values of the preset.")
+        self.plot = self._make_plot()
+
+    def _make_plot(self) -> Plot | None:
+        if self.step == "reference":
+            plot = FlowPlot(self.session)
+            plot.stop_moved.connect(self._on_stop_moved)
+            return plot
+        return DistortionPlot(self.session) if self.step in ("sphere", "uv") else None
+
+    def _arrange(self) -> None:
+        self.setObjectName("step")
+        header = QHBoxLayout()
+        header.setContentsMargins(0, 0, 0, 0)
+        header.addWidget(self.mark)
+        header.addWidget(self.title, 1)
+        for widget in (self.seconds, self.run_button, self.cancel_button):
+            header.addWidget(widget)
+        self.body = QWidget()
+        column = QVBoxLayout(self.body)
+        column.setContentsMargins(18, 0, 0, 4)
+        column.addWidget(self.description)
+        column.addWidget(self.form)
+        if self.plot is not None:
+            column.addWidget(self.plot)
+        row = QHBoxLayout()
+        row.addWidget(self.more)
+        row.addStretch(1)
+        row.addWidget(self.reset_button)
+        column.addLayout(row)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 3, 4, 3)
+        layout.setSpacing(2)
+        layout.addLayout(header)
+        layout.addWidget(self.progress_bar)
+        layout.addWidget(self.status)
+        layout.addWidget(self.body)
+        self.status.setContentsMargins(18, 0, 0, 0)
+
+    def _connect(self) -> None:
+        self.title.toggled.connect(self.expand)
+        self.run_button.clicked.connect(self.run)
+        self.cancel_button.clicked.connect(self.session.cancel_by_user)
+        self.reset_button.clicked.connect(self.reset)
+        self.more.toggled.connect(self._on_more)
+        self.form.changed.connect(self._on_form)
+        self.session.parameters_changed.connect(self._on_parameters)
+        self.session.source_changed.connect(self._on_source)
+        self.session.steps_changed.connect(self._on_steps)
+        self.session.running_changed.connect(self._on_running)
+        self.session.progressed.connect(self._on_progress)
+        self.session.charts_changed.connect(self._on_charts)
+
+    # What the user does ------------------------------------------------------
+
+    def expand(self, expanded: bool) -> None:
+        """Show or hide the parameters."""
+        self.title.setChecked(expanded)
+        arrow = Qt.ArrowType.DownArrow if expanded else Qt.ArrowType.RightArrow
+        self.title.setArrowType(arrow)
+        self.body.setVisible(expanded)
+        self._plot_charts()
+
+    def run(self) -> None:
+        """Compute up to this step; what is wrong is shown as a notification."""
+        try:
+            self.session.run(until=self.step)
+        except Unwrap3DError as error:
+            self.status.setText(str(error))
+            self.status.show()
+            tell(error)
+
+    def reset(self) -> None:
+        """Back to the values of the preset."""
+        values = getattr(self.initial, self.step).model_dump()
+        now = getattr(self.session.parameters, self.step).model_dump()
+        kept = {path.split(".")[1] for path in (*IMPLIED, "stack.label")}
+        values |= {name: now[name] for name in kept if name in values}
+        self.form.show_values(
+            self.session.parameters.model_copy(
+                update={self.step: type(getattr(self.initial, self.step))(**values)}
+            )
+        )
+        self.session.set_values(self.step, values)
+
+    def _on_more(self, more: bool) -> None:
+        self.form.show_all(more)
+
+    def _on_form(self) -> None:
+        values = self.form.values()[self.step]
+        if self.step == "reference":
+            self._imply_fixed(values)
+        self.session.set_values(self.step, values)
+
+    def _imply_fixed(self, values: dict[str, Any]) -> None:
+        """Who moves the iteration wants to stop there."""
+        before = self.session.parameters.reference
+        if values["fixed_iteration"] != before.fixed_iteration and values["stop"] == before.stop:
+            values["stop"] = "fixed"
+
+    def _on_stop_moved(self, iteration: int) -> None:
+        chosen = {"stop": "fixed", "fixed_iteration": iteration, "extra_iterations": 0}
+        self.session.set_values("reference", chosen)
+
+    # What the session says ---------------------------------------------------
+
+    def _on_parameters(self, parameters: Parameters) -> None:
+        self.form.show_values(parameters)
+        if isinstance(self.plot, FlowPlot) and parameters.reference.stop == "fixed":
+            self.plot.show_stop(parameters.reference.fixed_iteration)
+
+    def _on_source(self) -> None:
+        if self.step == "stack":
+            self.form.hide_entries(senseless_parameters(self.session.source))
+        self.more.setVisible(self.form.has_more())
+
+    def _on_steps(self) -> None:
+        step = self.session.steps[self.step]
+        sign, colour, meaning = mark_of(self.step, step)
+        self.mark.setText(sign)
+        self.mark.setStyleSheet(f"color: {colour}; font-size: 14px;")
+        self.mark.setToolTip(meaning)
+        done = step.state == DONE and step.seconds is not None
+        self.seconds.setText(f"{step.seconds:.1f} s" if done else step.brief)
+        self.seconds.setToolTip("" if done else step.reason)
+        running = step.state == RUNNING
+        if not running:
+            self.status.setText(status_of(self.step, step))
+            self.progress_bar.setValue(0)
+        self.status.setVisible(bool(self.status.text()))
+        self.status.setToolTip(all_numbers(self.step, step) if done else "")
+        self.progress_bar.setVisible(running)
+        self._on_running(self.session.running)
+        self._highlight(self.session.next_step() == self.step and not self.session.running)
+
+    def _on_running(self, running: bool) -> None:
+        here = running and self.session.steps[self.step].state == RUNNING
+        self.run_button.setVisible(not here)
+        self.seconds.setVisible(not here)
+        self.cancel_button.setVisible(here)
+        self.run_button.setEnabled(not running and not self.session.blocked())
+        self._highlight(self.session.next_step() == self.step and not running)
+
+    def _on_progress(self, step: str, fraction: float, message: str) -> None:
+        if step == self.step:
+            self.progress_bar.setValue(round(1000 * fraction))
+            if message:
+                self.status.setText(message)
+                self.status.show()
+
+    def _highlight(self, highlight: bool) -> None:
+        """The step that is sensible to run next stands out."""
+        if self.property("next") == highlight:
+            return
+        self.setProperty("next", highlight)
+        edge = HIGHLIGHT if highlight else "transparent"
+        self.setStyleSheet(f"QFrame#step {{ border: none; border-left: 3px solid {edge}; }}")
+        colour = f"background-color: {HIGHLIGHT}; color: white; font-weight: bold;"
+        self.run_button.setStyleSheet(colour if highlight else "")
+
+    # The plot ----------------------------------------------------------------
+
+    def _on_charts(self, _: Any) -> None:
+        self._plot_charts()
+
+    def _plot_charts(self) -> None:
+        """Draw what is new, once it can be seen."""
+        chart = self.session.charts.get(self.step)
+        if self.plot is None or not self.title.isChecked() or chart is self._plotted:
+            return
+        if chart is None:
+            # While a run is on its way here, the last result stays in sight.
+            self.plot.setVisible(bool(self.session.charts) and self._plotted is not None)
+            return
+        self._plotted = chart
+        if isinstance(self.plot, FlowPlot):
+            self.plot.show_flow(chart.total_curvature, chart.iteration)
+        elif isinstance(self.plot, DistortionPlot):
+            if self.step == "sphere":
+                self.plot.compute(sphere_histograms, self.session.charts["reference"], chart)
+            else:
+                self.plot.compute(uv_histograms, chart)
+
+    def mousePressEvent(self, event: QMouseEvent | None) -> None:
+        """A click beside the title opens the panel, too."""
+        if event is not None and event.type() == QEvent.Type.MouseButtonPress:
+            below = self.title.geometry().bottom()
+            if event.pos().y() <= below:
+                self.title.toggle()
+        super().mousePressEvent(event)
+
+
+class StepDock(QWidget):
+    """A dock widget with the panel of one step, for those who want that step only."""
+
+    step = "stack"
+
+    def __init__(self, napari_viewer: napari.Viewer) -> None:
+        super().__init__()
+        self.session = session_of(napari_viewer)
+        self.chooser = SourceChooser(self.session)
+        self.panel = StepPanel(self.session, self.step, expanded=True)
+        content = QWidget()
+        column = QVBoxLayout(content)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.addWidget(self.panel)
+        column.addStretch(1)
+        layout = QVBoxLayout(self)
+        layout.addWidget(self.chooser)
+        layout.addWidget(scrolling(content), 1)
+        self.setMinimumWidth(WIDTH)
+
+
+def scrolling(content: QWidget) -> QScrollArea:
+    """Up and down only: a panel is never wider than the dock."""
+    scroll = QScrollArea()
+    scroll.setWidgetResizable(True)
+    scroll.setFrameShape(QFrame.Shape.NoFrame)
+    scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+    scroll.setWidget(content)
+    return scroll
+
+
+class StackDock(StepDock):
+    """Segment the cell."""
+
+
+class SurfaceDock(StepDock):
+    """Mesh the cell."""
+
+    step = "surface"
+
+
+class SealedDock(StepDock):
+    """Close handles and holes."""
+
+    step = "sealed"
+
+
+class ReferenceDock(StepDock):
+    """Smooth protrusions away."""
+
+    step = "reference"
+
+
+class SphereDock(StepDock):
+    """Lay the reference on the sphere."""
+
+    step = "sphere"
+
+
+class UVDock(StepDock):
+    """Unwrap the sphere."""
+
+    step = "uv"
+
+
+class TopographyDock(StepDock):
+    """Measure from the reference."""
+
+    step = "topography"
+
+
+class DirectDock(StepDock):
+    """The direct chart."""
+
+    step = "direct"
+
+
+class PlaneDock(StepDock):
+    """The plane."""
+
+    step = "plane"

@@ -1,0 +1,192 @@
+"""Small plots of a step, in napari's colours: where the flow stops, and how maps distort."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from napari.utils.theme import get_theme
+from qtpy.QtCore import Signal
+from qtpy.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
+
+from .connections import disconnect
+from .threads import Task, tell
+
+if TYPE_CHECKING:
+    from ..charts import Floats
+    from .session import Session
+
+HEIGHT = 130
+INCHES = (3.2, 1.3)
+FONT = 7
+LINE, CHOSEN = "#42a5f5", "#ffa000"
+
+
+class Plot(QWidget):
+    """A figure that follows the viewer's theme. It is made when there is something to draw."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.session = session
+        self.canvas: Any = None
+        self.figure: Any = None
+        self._column = QVBoxLayout(self)
+        self._column.setContentsMargins(0, 2, 0, 0)
+        self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.setFixedHeight(HEIGHT)
+        self.hide()
+        self._connections: list[tuple[Any, Any]] = []
+        viewer = session.viewer
+        if viewer is not None:
+            viewer.events.theme.connect(self._on_theme)
+            self._connections.append((viewer.events.theme, self._on_theme))
+        self.destroyed.connect(partial(disconnect, self._connections))
+
+    def _on_theme(self, _: Any = None) -> None:
+        if self.canvas is not None:
+            self.redraw()
+
+    def redraw(self) -> None:
+        """Draw everything anew; what is drawn is said by `_draw`."""
+        if self.canvas is None:
+            self._make_canvas()
+        self.figure.clear()
+        colours = self._colours()
+        self.figure.set_facecolor(colours["background"])
+        self._draw(colours)
+        self.canvas.draw_idle()
+
+    def _make_canvas(self) -> None:
+        # Matplotlib takes long to import; a run has done so in its thread already.
+        from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
+        from matplotlib.figure import Figure
+
+        self.figure = Figure(figsize=INCHES, layout="constrained")
+        self.canvas = FigureCanvasQTAgg(self.figure)
+        self.canvas.setMinimumSize(40, 40)
+        self._column.addWidget(self.canvas)
+        self._on_canvas()
+
+    def _on_canvas(self) -> None:
+        """The canvas has been made."""
+
+    def _draw(self, colours: dict[str, str]) -> None:
+        raise NotImplementedError
+
+    def _colours(self) -> dict[str, str]:
+        viewer = self.session.viewer
+        theme = get_theme("dark" if viewer is None else viewer.theme)
+        return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
+
+    @staticmethod
+    def style(axes: Any, colours: dict[str, str], title: str) -> None:
+        """Axes in the theme's colours."""
+        axes.set_facecolor(colours["background"])
+        axes.tick_params(colors=colours["text"], labelsize=FONT, length=2)
+        axes.set_title(title, fontsize=FONT + 1, color=colours["text"], pad=3)
+        for side, spine in axes.spines.items():
+            spine.set_visible(side in ("left", "bottom"))
+            spine.set_color(colours["secondary"])
+
+
+class FlowPlot(Plot):
+    """Total |K| against the iteration, with the stop as a line that can be dragged.
+
+    Signals
+    -------
+    stop_moved(int)
+        The line was dragged to another iteration.
+    """
+
+    stop_moved = Signal(int)
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(session, parent)
+        self.curve = np.zeros(0)
+        self.stop = 0
+        self._axes: Any = None
+        self._line: Any = None
+        self._dragging = False
+        self.setToolTip("Drag the line to the iteration whose shape you want as the reference.")
+
+    def show_flow(self, curve: Floats, stop: int) -> None:
+        """Total |K| / 4π at iterations 0, 1, ... and the iteration that is the reference."""
+        self.curve, self.stop = np.asarray(curve, dtype=float), int(stop)
+        self.setVisible(len(self.curve) > 1)
+        if len(self.curve) > 1:
+            self.redraw()
+
+    def show_stop(self, stop: int) -> None:
+        """Move the line."""
+        if self._line is not None and stop != self.stop:
+            self.stop = stop
+            self._line.set_xdata([stop, stop])
+            self._widen(stop)
+            self.canvas.draw_idle()
+
+    def _draw(self, colours: dict[str, str]) -> None:
+        axes = self.figure.add_subplot()
+        axes.plot(self.curve, color=LINE, marker=".", markersize=4, linewidth=1)
+        self._line = axes.axvline(self.stop, color=CHOSEN, linewidth=2)
+        axes.set_xlabel("iteration", fontsize=FONT, color=colours["text"], labelpad=1)
+        self.style(axes, colours, "total |K| / 4π; drag the line to stop elsewhere")
+        self._axes = axes
+        self._widen(self.stop)
+
+    def _widen(self, stop: int) -> None:
+        """Room to drag the line beyond the iterations that were computed."""
+        self._axes.set_xlim(-0.5, max(len(self.curve) + 9, stop + 5))
+
+    def _on_canvas(self) -> None:
+        self.canvas.mpl_connect("button_press_event", self._on_press)
+        self.canvas.mpl_connect("motion_notify_event", self._on_motion)
+        self.canvas.mpl_connect("button_release_event", self._on_release)
+
+    def _on_press(self, event: Any) -> None:
+        if event.inaxes is self._axes and event.button == 1:
+            self._dragging = True
+            self._on_motion(event)
+
+    def _on_motion(self, event: Any) -> None:
+        if self._dragging and event.xdata is not None:
+            stop = max(round(float(event.xdata)), 1)
+            if stop != self.stop:
+                self.show_stop(stop)
+                self.stop_moved.emit(stop)
+
+    def _on_release(self, _: Any) -> None:
+        self._dragging = False
+
+
+class DistortionPlot(Plot):
+    """Histograms of log λ and of Q, computed in a thread."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(session, parent)
+        self.histograms: dict[str, Any] = {}
+        self._task: Task | None = None
+        self.setToolTip("log λ is 0 where areas are kept, Q is 1 where angles are kept.")
+
+    def compute(self, function: Any, *charts: Any) -> None:
+        """Show the histograms that a function gives for some charts."""
+        self._task = Task(function, *charts)
+        self._task.returned.connect(self._on_computed)
+        self._task.failed.connect(tell)
+        self._task.start()
+
+    def _on_computed(self, histograms: dict[str, Any]) -> None:
+        self.histograms = histograms
+        self.show()
+        self.redraw()
+
+    def _draw(self, colours: dict[str, str]) -> None:
+        titles = {"log_lambda": "log λ (areas)", "q": "Q (angles)"}
+        every = self.figure.subplots(1, 2)
+        for axes, (name, title) in zip(every, titles.items(), strict=True):
+            found = self.histograms[name]
+            axes.stairs(found.shares, found.edges, fill=True, color=LINE)
+            axes.axvline(found.mean, color=CHOSEN, linewidth=1)
+            axes.set_yticks([])
+            axes.locator_params(axis="x", nbins=4)
+            self.style(axes, colours, f"{title}, mean {found.mean:.3g}")

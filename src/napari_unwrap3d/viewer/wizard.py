@@ -1,0 +1,233 @@
+"""The dock widget "Unwrap": all steps in order, from the layer of a cell to its charts."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from magicgui.widgets import ComboBox
+from qtpy.QtWidgets import (
+    QCheckBox,
+    QFileDialog,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
+
+from ..errors import Unwrap3DError
+from ..files.project import SUFFIX, save_project
+from ..parameters import PRESETS, Parameters
+from ..pipeline import STEP_NAMES
+from .session import session_of
+from .source_chooser import SourceChooser
+from .step_panel import WIDTH, StepPanel, scrolling
+from .step_states import STEPS, TITLES
+from .threads import Task, tell
+
+if TYPE_CHECKING:
+    import napari
+
+    from ..atlas import Atlas
+
+DEFAULTS = "defaults"
+
+
+class Wizard(QWidget):
+    """Runs the pipeline on a layer, step by step or all at once.
+
+    Parameters
+    ----------
+    napari_viewer : napari.Viewer
+
+    Attributes
+    ----------
+    panels : dict
+        Step → :class:`StepPanel`, in order.
+    """
+
+    def __init__(self, napari_viewer: napari.Viewer) -> None:
+        super().__init__()
+        self.session = session_of(napari_viewer)
+        self._saving: Task | None = None
+        self._build()
+        self._arrange()
+        self._connect()
+        self._on_running(self.session.running)
+
+    # Building ----------------------------------------------------------------
+
+    def _build(self) -> None:
+        self.chooser = SourceChooser(self.session)
+        self.preset_box = ComboBox(choices=[DEFAULTS, *PRESETS], value=DEFAULTS, name="preset")
+        self.preset_box.tooltip = "The paper's values for a kind of protrusion."
+        self.panels = {
+            step: StepPanel(self.session, step, expanded=step == STEPS[0]) for step in STEPS
+        }
+        self.hint = QLabel()
+        self.hint.setWordWrap(True)
+        self.run_button = QPushButton("Run all")
+        self.run_button.setToolTip("Compute every step that is missing or out of date.")
+        self.cancel_button = QPushButton("Cancel")
+        self.cancel_button.setToolTip("Stop; finished steps are kept.")
+        self.automatic = QCheckBox("Update automatically")
+        self.automatic.setToolTip(
+            "After the first run: when a parameter changes, compute its step and what follows."
+        )
+        self.automatic.setChecked(self.session.update_automatically)
+        self.progress_bar = QProgressBar()
+        self.progress_bar.setRange(0, 1000)
+        self.message = QLabel()
+        self.message.setWordWrap(True)
+        self.save_button = QPushButton("Save project …")
+        self.save_button.setToolTip("Every chart, map and parameter in one *.unwrap3d file.")
+
+    def _arrange(self) -> None:
+        presets = QHBoxLayout()
+        presets.addWidget(QLabel("Preset"))
+        presets.addWidget(self.preset_box.native, 1)
+        presets.addWidget(self.automatic)
+        steps = QWidget()
+        column = QVBoxLayout(steps)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(3)
+        for panel in self.panels.values():
+            column.addWidget(panel)
+        column.addStretch(1)
+        buttons = QHBoxLayout()
+        buttons.addWidget(self.run_button, 1)
+        buttons.addWidget(self.cancel_button)
+        buttons.addWidget(self.save_button)
+        layout = QVBoxLayout(self)
+        layout.setContentsMargins(6, 6, 6, 6)
+        layout.addWidget(self.chooser)
+        layout.addLayout(presets)
+        layout.addWidget(scrolling(steps), 1)
+        layout.addWidget(self.hint)
+        layout.addWidget(self.progress_bar)
+        layout.addWidget(self.message)
+        layout.addLayout(buttons)
+        self.setMinimumWidth(WIDTH)
+
+    def _connect(self) -> None:
+        self.preset_box.changed.connect(self._on_preset)
+        self.automatic.toggled.connect(self._on_automatic)
+        self.run_button.clicked.connect(self.run)
+        self.cancel_button.clicked.connect(self._on_cancel)
+        self.save_button.clicked.connect(self._on_save)
+        self.session.source_changed.connect(self._update_hint)
+        self.session.steps_changed.connect(self._on_steps)
+        self.session.progressed.connect(self._on_progress)
+        self.session.running_changed.connect(self._on_running)
+        self.session.finished.connect(self._on_finished)
+        self.session.stopped.connect(self._on_stopped)
+
+    # What the user does ------------------------------------------------------
+
+    def run(self) -> None:
+        """Compute everything; what is wrong is shown as a notification."""
+        try:
+            self.session.run()
+        except Unwrap3DError as error:
+            self._say(str(error))
+            tell(error)
+
+    def _on_cancel(self) -> None:
+        self._say("Cancelling …")
+        self.session.cancel_by_user()
+
+    def _on_automatic(self, automatic: bool) -> None:
+        self.session.update_automatically = automatic
+
+    def _on_preset(self, name: str) -> None:
+        parameters = Parameters() if name == DEFAULTS else Parameters.preset(name)
+        for panel in self.panels.values():
+            panel.initial = parameters
+        # What was chosen about the data and which charts are wanted is no matter of a preset.
+        now = self.session.parameters
+        groups = parameters.model_dump()
+        groups["stack"]["label"] = now.stack.label
+        for step in ("direct", "plane"):
+            groups[step]["compute"] = getattr(now, step).compute
+        self.session.set_parameters(Parameters.from_dict(groups))
+
+    # What the session says ---------------------------------------------------
+
+    def _on_running(self, running: bool) -> None:
+        self.cancel_button.setEnabled(running)
+        self.progress_bar.setVisible(running)
+        self.progress_bar.setFormat("starting")
+        self.progress_bar.setValue(0)
+        if running:
+            self._say("")
+        self._on_steps()
+
+    def _on_steps(self) -> None:
+        running = self.session.running
+        self.run_button.setEnabled(not running and not self.session.blocked())
+        self.save_button.setEnabled(
+            not running and self._saving is None and self.session.atlas is not None
+        )
+        self._update_hint()
+
+    def _update_hint(self) -> None:
+        """What to press next."""
+        step = self.session.next_step()
+        if self.session.blocked() or self.session.running or not step:
+            self.hint.hide()
+            return
+        first = "Press <b>Run all</b>, or go step by step: " if step == STEPS[0] else "Next: "
+        self.hint.setText(f"{first}<b>Run</b> in <b>{TITLES[step]}</b>.")
+        self.hint.show()
+
+    def _on_progress(self, step: str, fraction: float, message: str) -> None:
+        position = STEPS.index(step)
+        # Steps on request come after the others, and share the end of the bar with the last.
+        share = min(position, len(STEP_NAMES) - 1)
+        self.progress_bar.setValue(round(1000 * (share + fraction) / len(STEP_NAMES)))
+        self.progress_bar.setFormat(f"{position + 1}/{len(STEPS)} {TITLES[step]}")
+        if self.session.running and message:
+            self._say(message)
+
+    def _on_finished(self, atlas: Atlas) -> None:
+        seconds = sum(step.seconds or 0.0 for step in self.session.steps.values())
+        repairs = atlas.provenance.get("repairs", [])
+        self._say("\n".join([f"Done in {seconds:.1f} s.", *repairs]))
+
+    def _on_stopped(self, reason: str) -> None:
+        self._say(reason)
+
+    def _say(self, message: str) -> None:
+        self.message.setText(message)
+        self.message.setVisible(bool(message))
+
+    # Saving ------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> None:
+        """Save the atlas in a thread; an error is shown as a notification."""
+        if self.session.atlas is None:
+            return
+        self._saving = Task(save_project, self.session.atlas, path)
+        self._saving.returned.connect(self._on_saved)
+        self._saving.failed.connect(self._on_not_saved)
+        self._saving.start()
+        self._on_steps()
+
+    def _on_save(self) -> None:
+        name, _ = QFileDialog.getSaveFileName(
+            self, "Save project", f"cell{SUFFIX}", f"unwrap3d project (*{SUFFIX})"
+        )
+        if name:
+            self.save(name)
+
+    def _on_saved(self, path: Any) -> None:
+        self._saving = None
+        self._say(f"Saved {path}.")
+        self._on_steps()
+
+    def _on_not_saved(self, error: BaseException) -> None:
+        self._saving = None
+        tell(error)
+        self._on_steps()
