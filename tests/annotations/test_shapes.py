@@ -115,6 +115,25 @@ def test_shapes_of_one_chart_are_set_alone_and_later_ones_lie_on_top(atlas: Atla
         annotations.set_shapes("one", over, chart="direct")
 
 
+@pytest.mark.parametrize("chart", ["uv", "direct", "plane"])
+def test_a_shape_of_label_0_hides_what_is_painted(atlas: Atlas, chart: str) -> None:
+    annotations = Annotations(atlas)
+    annotations.add("one")
+    annotations.draw_vertices("one", np.arange(len(atlas.surface.vertices)), 4)
+    shape = Shape(chart, "rectangle", SQUARE + 4, 0)
+    assert annotations.image("one", "uv").any()
+    annotations.add_shape("one", shape)
+    hidden = annotations.image("one", chart).ravel() == 0
+    assert hidden[pixels_inside(shape, ROWS)].all()
+    assert (
+        np.flatnonzero(annotations.labels("one") == 0).tolist()
+        == annotations.marked_by(shape).tolist()
+    )
+    if chart != "uv":
+        shown = annotations.owners("uv").display(annotations.labels("one"))
+        assert (annotations.image("one", "uv") == shown).all()
+
+
 def test_regions_in_space_mark_the_vertices_in_them(atlas: Atlas) -> None:
     annotations, vertices = Annotations(atlas), atlas.surface.vertices
     annotations.add("one")

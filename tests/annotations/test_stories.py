@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -56,50 +56,61 @@ class Mirror:
                 assert (self.images[name][chart] == image).all(), (name, chart)
 
 
-def polygon(draw: Any) -> Shape:
-    chart = draw(st.sampled_from(FLAT))
-    kind = draw(st.sampled_from(["polygon", "rectangle", "ellipse"]))
-    v, u = draw(st.floats(-4, 19)), draw(st.floats(-10, 40))
-    corners = np.array([[0, 0], [0, 9], [6, 9], [6, 0]]) * draw(st.floats(0.1, 1.5)) + [v, u]
-    overhang = draw(st.sampled_from(["column", "outermost"]))
-    return Shape(chart, kind, corners, draw(st.integers(0, 3)), overhang)
-
-
-def edit(annotations: Annotations, draw: Any) -> None:
-    """One thing that a person can do."""
-    kind = draw(
-        st.sampled_from(["draw"] * 6 + ["shape", "space", "unshape", "undo", "redo", "list"])
-    )
-    name = draw(st.sampled_from(annotations.names)) if annotations.names else None
-    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    if name is None or kind == "list":
-        if name is not None and draw(st.booleans()):
-            annotations.remove(name)
-        else:
-            annotations.add(f"{len(annotations.names)} {rng.integers(10**9)}")
-    elif kind == "draw":
-        chart = draw(st.sampled_from(WATCHED))
-        annotations.overhang = draw(st.sampled_from(["column", "outermost"]))
-        shape = annotations.shape(chart)
-        corner = [rng.integers(n) for n in shape]
-        box = np.ix_(
-            *[np.arange(c, min(c + max(n // 3, 2), n)) for c, n in zip(corner, shape, strict=True)]
-        )
-        drawn = np.zeros(shape, bool)
-        drawn[box] = True
-        annotations.draw(name, chart, np.nonzero(drawn), draw(st.integers(0, 3)))
-    elif kind == "shape":
-        annotations.add_shape(name, polygon(draw))
-    elif kind == "space":
-        centre = rng.uniform(2, 10, (2, 3))
+@st.composite
+def shapes(draw: st.DrawFn) -> Shape:
+    label = draw(st.integers(0, 3))
+    if draw(st.booleans()):
+        rng = np.random.default_rng(draw(st.integers(0, 99)))
         kind = draw(st.sampled_from(["box", "half-space"]))
-        annotations.add_shape(name, Shape("volume", kind, centre, draw(st.integers(0, 3))))
-    elif kind == "unshape":
-        annotations.set_shapes(name, annotations.shapes(name)[1:])
-    elif kind == "undo":
-        annotations.undo()
-    else:
-        annotations.redo()
+        return Shape("volume", kind, rng.uniform(2, 10, (2, 3)), label)
+    kind = draw(st.sampled_from(["polygon", "rectangle", "ellipse"]))
+    start = np.array([draw(st.floats(-4, 19)), draw(st.floats(-10, 40))])
+    corners = np.array([[0, 0], [0, 9], [6, 9], [6, 0]]) * draw(st.floats(0.1, 1.5)) + start
+    overhang = draw(st.sampled_from(["column", "outermost"]))
+    return Shape(draw(st.sampled_from(FLAT)), kind, corners, label, overhang)
+
+
+Edit = Callable[[Annotations], None]
+
+
+@st.composite
+def edits(draw: st.DrawFn) -> Edit:
+    """One thing that a person can do."""
+    kind = draw(st.sampled_from(["draw"] * 4 + ["shape", "unshape", "list"]))
+    name = draw(st.sampled_from(["one", "two"]))
+    if kind == "list":
+        return lambda a: a.remove(name) if name in a.names else a.add(name)
+    if kind == "shape":
+        shape = draw(shapes())
+        return lambda a: a.add_shape(name, shape) if name in a.names else None
+    if kind == "unshape":
+        return lambda a: a.set_shapes(name, a.shapes(name)[1:]) if name in a.names else None
+    chart, label = draw(st.sampled_from(WATCHED)), draw(st.integers(0, 3))
+    overhang = draw(st.sampled_from(["column", "outermost"]))
+    seed = draw(st.integers(0, 99))
+
+    def paint(annotations: Annotations) -> None:
+        rng, whole = np.random.default_rng(seed), annotations.shape(chart)
+        first, size = rng.integers(whole), np.maximum(np.array(whole) // 3, 2)
+        drawn = np.zeros(whole, bool)
+        drawn[tuple(slice(a, b) for a, b in zip(first, first + size, strict=True))] = True
+        annotations.overhang = overhang
+        if name in annotations.names:
+            annotations.draw(name, chart, np.nonzero(drawn), label)
+
+    return paint
+
+
+def stories(*others: Edit) -> st.SearchStrategy[list[Edit]]:
+    """Edits, and other things to do between them."""
+    one = st.one_of(edits(), st.sampled_from(others)) if others else edits()
+    return st.lists(one, min_size=1, max_size=12)
+
+
+def begun(atlas: Atlas) -> Annotations:
+    annotations = Annotations(atlas)
+    annotations.add("one")
+    return annotations
 
 
 def seen(annotations: Annotations) -> dict[tuple[str, str], bytes]:
@@ -111,40 +122,68 @@ def seen(annotations: Annotations) -> dict[tuple[str, str], bytes]:
 
 
 @settings(max_examples=40)
-@given(data=st.data())
-def test_who_watches_sees_what_is_read(atlas: Atlas, data: st.DataObject) -> None:
+@given(
+    story=stories(Annotations.undo, Annotations.redo),
+    charts=st.lists(st.sampled_from(WATCHED), unique=True),
+)
+def test_who_watches_sees_what_is_read(atlas: Atlas, story: list[Edit], charts: list[str]) -> None:
     annotations = Annotations(atlas)
-    charts = tuple(data.draw(st.lists(st.sampled_from(WATCHED), unique=True)))
-    mirror = Mirror(annotations, charts)
-    for _ in range(data.draw(st.integers(1, 12))):
-        edit(annotations, data.draw)
-    mirror.check()
+    mirror = Mirror(annotations, tuple(charts))
+    annotations.add("one")
+    for edit in story:
+        edit(annotations)
+        mirror.check()
 
 
 @settings(max_examples=40)
-@given(data=st.data())
-def test_everything_can_be_undone_and_redone(atlas: Atlas, data: st.DataObject) -> None:
-    annotations = Annotations(atlas)
-    mirror = Mirror(annotations, ("uv", "direct"))
-    for _ in range(data.draw(st.integers(1, 12))):
-        if data.draw(st.booleans()):
-            edit(annotations, data.draw)
-        else:
-            with annotations.stroke(), annotations.stroke():
-                edit(annotations, data.draw)
-                edit(annotations, data.draw)
-    last = seen(annotations)
-    states = [last]
-    while annotations.can_undo:
+@given(story=stories(Annotations.undo, Annotations.redo))
+def test_it_does_not_matter_when_one_looks(atlas: Atlas, story: list[Edit]) -> None:
+    looking, not_looking = begun(atlas), begun(atlas)
+    for edit in story:
+        edit(looking)
+        seen(looking)
+        edit(not_looking)
+    assert seen(looking) == seen(not_looking)
+
+
+@settings(max_examples=40)
+@given(story=stories(), looking=st.booleans())
+def test_everything_can_be_undone_and_redone(
+    atlas: Atlas, story: list[Edit], looking: bool
+) -> None:
+    annotations, truth = Annotations(atlas), Annotations(atlas)
+    states = [seen(truth)]
+    for edit in [lambda a: a.add("one"), *story]:
+        steps = len(annotations._history._done)
+        with annotations.stroke(), annotations.stroke():
+            edit(annotations)
+        edit(truth)
+        if looking:
+            seen(annotations)
+        if len(annotations._history._done) > steps:
+            states.append(seen(truth))
+        assert seen(truth) == states[-1]
+    for before in states[-2::-1]:
         annotations.undo()
-        states.append(seen(annotations))
-    mirror.check()
+        if looking:
+            assert seen(annotations) == before
+    assert not annotations.can_undo
     assert annotations.names == ()
-    for state in states[-2::-1]:
-        assert annotations.can_redo or state is last
+    for after in states[1:]:
         annotations.redo()
-        assert seen(annotations) == state
-    mirror.check()
+        assert seen(annotations) == after
+    assert not annotations.can_redo
+
+
+def test_what_was_drawn_before_one_looked_can_be_undone(atlas: Atlas) -> None:
+    annotations = begun(atlas)
+    annotations.draw_vertices("one", np.arange(50), 3)
+    assert annotations.image("one", "uv").any()
+    annotations.undo()
+    assert not annotations.image("one", "uv").any()
+    annotations.redo()
+    owned = annotations.owners("uv").owned(np.arange(50))
+    assert np.flatnonzero(annotations.image("one", "uv") == 3).tolist() == sorted(owned)
 
 
 def test_a_stroke_is_one_step(atlas: Atlas) -> None:
@@ -244,9 +283,13 @@ def test_what_is_no_longer_watched_is_not_told(atlas: Atlas) -> None:
     annotations.changed.connect(changes.append)
     annotations.watch("uv")
     annotations.watch("uv")
-    annotations.draw_vertices("one", [5], 1)
+    annotations.draw_vertices("one", np.arange(9), 1)
     annotations.unwatch("uv")
-    annotations.draw_vertices("one", [6], 1)
+    annotations.draw_vertices("one", [6], 2)
     assert [list(change.pixels) for change in changes] == [["uv"], []]
+    flat, values = changes[0].pixels["uv"]
+    assert len(flat) > 0
+    assert sorted(flat) == sorted(annotations.owners("uv").owned(np.arange(9)))
+    assert set(values) == {1}
     assert changes[1].vertices.tolist() == [6]
-    assert changes[1].labels.tolist() == [1]
+    assert changes[1].labels.tolist() == [2]
