@@ -306,3 +306,19 @@ def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
     assert len(shown.layer("uv").data) == 1
     hand.widget.undo_button.click()
     assert len(shown.layer("surface").data) == 2
+
+
+def test_drawing_in_the_topography_marks_where_the_surface_is(hand: Hand) -> None:
+    hand.canvas.show_chart("topography")
+    layers = hand.annotating.layers
+    hand.qtbot.waitUntil(lambda: layers.layer("drawn", "topography") is not None, timeout=SECONDS)
+    layer = layers.layer("drawn", "topography")
+    hand.choose("brush", label=3)
+    hand.widget.all_depths.setChecked(True)
+    hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
+    assert (hand.labels() == 3).sum() > 10
+    assert (layer.data == hand.annotations.image("drawn", "topography")).all()
+    assert layer.data.any(axis=(1, 2)).sum() > 1
+    hand.widget.undo_button.click()
+    hand.settle()
+    assert not layer.data.any()

@@ -12,6 +12,7 @@ from qtpy.QtWidgets import (
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
+    QGridLayout,
     QGroupBox,
     QHBoxLayout,
     QLabel,
@@ -70,6 +71,7 @@ through all depths.<br>
 <b>Undo</b> takes back one stroke, in whichever view it was drawn: Ctrl+Z (⌘Z), and
 Ctrl+Shift+Z (⌘⇧Z) makes it again."""
 WIDTH = 320
+TOOLS_PER_ROW = 3
 
 
 class AnnotationWidget(QWidget):
@@ -137,10 +139,10 @@ class AnnotationWidget(QWidget):
         self.help_button.setCheckable(True)
 
     def _arrange(self) -> None:
-        tools = QHBoxLayout()
+        tools = QGridLayout()
         tools.setSpacing(2)
-        for button in self.tools.values():
-            tools.addWidget(button, 1)
+        for place, button in enumerate(self.tools.values()):
+            tools.addWidget(button, *divmod(place, TOOLS_PER_ROW))
         history = QHBoxLayout()
         history.addWidget(self.undo_button)
         history.addWidget(self.redo_button)

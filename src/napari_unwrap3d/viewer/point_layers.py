@@ -139,7 +139,7 @@ class PointLayers(QObject):
             name=NAME,
             axis_labels=axes,
             features={"name": np.zeros(0, dtype=object)},
-            text={"string": "{name}", "size": 10, "color": "white", "translation": 0.0},
+            text={"string": "  {name}", "size": 10, "color": "white", "anchor": "lower_left"},
             face_color="#ffee58",
             border_color="black",
             metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
