@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from qtpy.QtCore import Qt
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import (
     QButtonGroup,
     QCheckBox,
@@ -176,14 +177,18 @@ class AnnotationWidget(QWidget):
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(content)
-        # Nothing is cut off at the side, also when the scroll bar is there.
-        bar = scroll.verticalScrollBar().sizeHint().width()
-        self.setMinimumWidth(max(WIDTH, content.minimumSizeHint().width() + bar))
+        self._scroll, self._content = scroll, content
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(scroll)
         self.help.hide()
         self.busy.hide()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Nothing is cut off at the side, also when the scroll bar is there."""
+        super().showEvent(event)
+        bar = self._scroll.verticalScrollBar().sizeHint().width()
+        self.setMinimumWidth(max(WIDTH, self._content.minimumSizeHint().width() + bar))
 
     def _connect(self) -> None:
         annotating = self.annotating
