@@ -72,7 +72,8 @@ class Places:
         """Compute what takes time, about a second, so that the first place is as fast as all."""
         self._seen()
         self.atlas._surface_locator.closest(self.atlas.surface.vertices[:1])
-        self.atlas._sealed_locator.closest(self.atlas.surface.vertices[:1])
+        if not self._one_mesh and (self.atlas.has("direct") or self.atlas.has("plane")):
+            self.atlas._sealed_locator.closest(self.atlas.surface.vertices[:1])
         return self
 
     def at_pixel(self, chart: str, point: npt.ArrayLike) -> Place | None:

@@ -121,3 +121,27 @@ def test_in_a_slice_only_a_place_in_it_is_marked(window: Window, small_atlas: At
     viewer.dims.set_point(0, place.position[0] + 10 * small_atlas.voxel_um)
     cursor.show(place)
     assert not cursor.marks_3d.visible
+
+
+@pytest.mark.parametrize("name", ["sphere", "reference"])
+def test_every_mesh_can_be_picked(
+    window: Window, qtbot: Any, small_atlas: Atlas, name: str
+) -> None:
+    viewer, canvas = window
+    viewer.window._qt_window.findChild(ShownBar).show_alone(name)
+    main, layer = viewer.window._qt_viewer, viewer.layers[name]
+    vertices = getattr(small_atlas, name).vertices
+    vertex = vertices[int(np.argmin(vertices[:, 0]))]
+    at = to_screen(viewer, main, vertex * layer.scale + layer.translate)
+    moves = 0
+
+    def found() -> bool:
+        # A mesh that is shown for the first time is made ready at the first move.
+        nonlocal moves
+        moves += 1
+        QTest.mouseMove(main.canvas.native, at + QPoint(moves % 2, 0))
+        place = canvas.cursor.place
+        near = 0.1 * np.ptp(vertices)
+        return place is not None and np.linalg.norm(getattr(place, name) - vertex) < near
+
+    qtbot.waitUntil(found, timeout=SECONDS)

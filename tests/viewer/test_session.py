@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 from typing import Any
 
@@ -159,6 +160,19 @@ def test_the_work_is_done_in_another_thread(
 ) -> None:
     finish(session, qtbot)
     assert threading.main_thread().name not in fake_pipeline.made[0].threads
+
+
+def test_the_collector_is_quiet_during_a_run_only(
+    session: Session, qtbot: Any, fake_pipeline: Any
+) -> None:
+    finish(session, qtbot, "stack")
+    assert gc.get_freeze_count() == 0
+    fake_pipeline.behaviour["uv"] = 60.0
+    session.run()
+    assert gc.get_freeze_count() > 0
+    assert session.viewer is not None
+    session.viewer.close()
+    assert gc.get_freeze_count() == 0
 
 
 def test_placing_yields_between_layers(session: Session, qtbot: Any, monkeypatch: Any) -> None:

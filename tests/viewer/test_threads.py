@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import concurrent.futures
+import gc
 from typing import Any
 
 import pytest
 from qtpy.QtCore import QObject, Signal
 
 from napari_unwrap3d.viewer import threads
-from napari_unwrap3d.viewer.threads import Task
+from napari_unwrap3d.viewer.threads import QuietCollector, Task
 
 
 class Sender(QObject):
@@ -53,6 +54,19 @@ def test_an_error_comes_back_and_the_wait_ends(qtbot: Any) -> None:
         task.start()
     assert isinstance(failed.args[0], ValueError)
     assert task.wait(5.0)
+
+
+def test_the_collector_is_quiet_until_the_last_lets_go() -> None:
+    collector, first, second = QuietCollector(), object(), object()
+    before = gc.get_freeze_count()
+    for holder in (first, first, second):
+        collector.hold(holder)
+    assert gc.get_freeze_count() > before
+    collector.release(first)
+    assert gc.get_freeze_count() > before
+    for holder in (second, second):
+        collector.release(holder)
+    assert gc.get_freeze_count() == 0
 
 
 class Receiver(QObject):

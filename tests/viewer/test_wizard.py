@@ -304,10 +304,28 @@ def test_closing_the_dock_keeps_the_run_and_opening_it_shows_the_state(
     assert again.save_button.isEnabled()
 
 
-def test_two_viewers_have_two_sessions(make_napari_viewer: Any, fake_pipeline: Any) -> None:
-    first, second = make_napari_viewer(), make_napari_viewer()
-    assert session_of(first) is session_of(first)
-    assert session_of(first) is not session_of(second)
+def test_two_viewers_have_two_sessions(dock: Dock, qtbot: Any) -> None:
+    (first, one), (second, two) = dock(**UM), dock(**UM)
+    assert session_of(first) is one.session is not two.session
+    one.panels["sphere"].form.entries["sphere.blend"].widget.value = 0.25
+    assert two.session.parameters.sphere.blend == 1
+    run(one, qtbot)
+    assert charts(first)
+    assert not charts(second)
+    first.close()
+    run(two, qtbot)
+    assert charts(second)
+
+
+def test_progress_is_seen_as_soon_as_run_is_pressed(
+    dock: Dock, qtbot: Any, fake_pipeline: Any
+) -> None:
+    _, widget = dock(**UM)
+    fake_pipeline.behaviour["stack"] = 60.0
+    widget.run_button.click()
+    assert widget.progress_bar.isVisibleTo(widget), "without a turn of the event loop"
+    widget.cancel_button.click()
+    qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
 
 
 @pytest.mark.usefixtures("every_chart")

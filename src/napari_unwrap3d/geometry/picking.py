@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from .locate import SurfaceLocator, interpolate
+from .locate import SphericalLocator, SurfaceLocator, interpolate
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -47,12 +47,19 @@ class RayPicker:
     ----------
     vertices : ndarray, (n, 3)
     faces : ndarray, (m, 3)
+    locator : SurfaceLocator, optional
+        That of the same mesh, where there is one already.
     """
 
-    def __init__(self, vertices: npt.ArrayLike, faces: npt.ArrayLike) -> None:
+    def __init__(
+        self,
+        vertices: npt.ArrayLike,
+        faces: npt.ArrayLike,
+        locator: SurfaceLocator | None = None,
+    ) -> None:
         self.vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self.faces = np.ascontiguousarray(faces, dtype=np.int64)
-        self._locator = SurfaceLocator(self.vertices, self.faces)
+        self._locator = locator or SurfaceLocator(self.vertices, self.faces)
         low, high = self.vertices.min(axis=0), self.vertices.max(axis=0)
         self._centre = (low + high) / 2
         self._diagonal = max(float(np.linalg.norm(high - low)), 1e-9)
@@ -99,6 +106,37 @@ class RayPicker:
         hidden = np.zeros(len(vertices), bool)
         hidden[hits.line] = ~touches & (before > BEFORE * self._diagonal)
         return ~hidden
+
+
+class SpherePicker:
+    """Finds the face of a triangulated unit sphere that is seen along a line.
+
+    Its locator is quick to build, and other threads go on meanwhile.
+
+    Parameters
+    ----------
+    directions : ndarray, (n, 3)
+        Unit vectors: the vertices.
+    faces : ndarray, (m, 3)
+    """
+
+    def __init__(self, directions: Floats, faces: Ints) -> None:
+        self._locator = SphericalLocator(directions, faces)
+
+    def pick(self, origin: npt.ArrayLike, direction: npt.ArrayLike) -> tuple[int, Floats] | None:
+        """Face and barycentric weights (3,) of what is seen first, None for nothing.
+
+        Parameters are those of :meth:`RayPicker.pick`.
+        """
+        along = np.asarray(direction, dtype=np.float64)
+        along = along / np.linalg.norm(along)
+        start = np.asarray(origin, dtype=np.float64)
+        nearest = start - (start @ along) * along
+        inside = 1.0 - float(nearest @ nearest)
+        if inside <= 0.0:
+            return None
+        face, weights = self._locator.locate((nearest - np.sqrt(inside) * along)[None])
+        return int(face[0]), weights[0]
 
 
 def _unit(vectors: Floats) -> Floats:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,9 +11,10 @@ import numpy.typing as npt
 from qtpy.QtCore import QObject
 
 from ..fields import AREA_DISTORTION, CURVATURE, SIGNAL, Fields
-from ..geometry.picking import RayPicker
+from ..geometry.picking import RayPicker, SpherePicker
 from ..places import Place, Places
-from .layers import KEY
+from ..unwrapping.surface import same_mesh
+from .layers import KEY, flat_surface
 from .markers import CanvasMarks
 from .threads import Task, tell
 
@@ -51,6 +53,7 @@ class LinkedCursor(QObject):
         self._places: Places | None = None
         self._pickers: dict[str, _Mesh] = {}
         self._task: Task | None = None
+        self._building: Task | None = None
         self.marks_3d = CanvasMarks(viewer.window._qt_viewer)
         self.marks_unwrapped = CanvasMarks(canvas.qt_viewer)
         canvas.session.finished.connect(self._on_atlas)
@@ -155,8 +158,12 @@ class LinkedCursor(QObject):
         direction = np.asarray(event.view_direction, dtype=float)[-3:]
         nearest: tuple[float, _Mesh, npt.NDArray[Any], npt.NDArray[Any]] | None = None
         for layer in viewer.layers:
-            mesh = self._pickers.get(layer.metadata.get(KEY, {}).get("layer", ""))
-            if mesh is None or not layer.visible:
+            name = layer.metadata.get(KEY, {}).get("layer", "")
+            if name not in SHOWN_AT or not layer.visible:
+                continue
+            mesh = self._pickers.get(name)
+            if mesh is None:
+                self._build_picker(name)
                 continue
             scale, shift = layer.scale[-3:], layer.translate[-3:]
             hit = mesh.picker.pick((position - shift) / scale, direction / scale)
@@ -173,6 +180,20 @@ class LinkedCursor(QObject):
         if mesh.of is not None:
             corners = mesh.of[corners]
         return self._places.on_mesh(mesh.chart, corners, weights)
+
+    def _build_picker(self, name: str) -> None:
+        """Make a mesh that is shown for the first time ready to be picked."""
+        if self._building is None and self._canvas.atlas is not None:
+            self._building = Task(_built, self._canvas.atlas, name)
+            self._building.returned.connect(self._on_built)
+            self._building.failed.connect(self._on_failed)
+            self._building.start()
+
+    def _on_built(self, built: tuple[Atlas, str, _Mesh]) -> None:
+        self._building = None
+        atlas, name, mesh = built
+        if atlas is self._canvas.atlas:
+            self._pickers[name] = mesh
 
     # Words ----------------------------------------------------------------------
 
@@ -219,32 +240,50 @@ def _values(fields: Fields, names: list[str], place: Place) -> list[str]:
     return parts
 
 
+@dataclass(frozen=True, eq=False)
 class _Mesh:
     """A mesh of the 3D canvas that can be picked, as it is in its layer's data.
 
     `of` are the vertices of the chart that its vertices are, None if they are the same.
     """
 
-    def __init__(self, chart: str, vertices: Any, faces: Any, of: Any = None) -> None:
-        self.chart = chart
-        self.vertices, self.faces, self.of = vertices, faces, of
-        self.picker = RayPicker(vertices, faces)
+    chart: str
+    vertices: Any
+    faces: Any
+    picker: RayPicker | SpherePicker
+    of: Any = None
 
 
 def _prepare(atlas: Atlas) -> tuple[Places, dict[str, _Mesh]]:
-    """What takes a second, once for an atlas; runs in a thread."""
-    from .layers import flat_surface
+    """What is needed for the meshes that are shown at first; runs in a thread.
 
-    cut, kept = flat_surface(atlas.topography)
-    sphere = atlas.sphere
-    meshes = {
-        "surface": _Mesh("surface", atlas.surface.vertices, atlas.surface.faces),
-        "sealed surface": _Mesh("sealed", atlas.sealed.vertices, atlas.sealed.faces),
-        "reference": _Mesh("reference", atlas.reference.vertices, atlas.reference.faces),
-        "sphere": _Mesh("sphere", sphere.vertices, sphere.faces),
-        "sphere (conformal)": _Mesh("sphere", sphere.conformal, sphere.faces),
-        "topographic surface": _Mesh(
-            "surface", cut.vertices, cut.faces, atlas.topography.cut_origin[kept]
-        ),
-    }
-    return Places(atlas).prepare(), meshes
+    libigl lets no other thread run while it builds a tree, so the window waits for every
+    one: there is a single one here, and others are built when they are needed.
+    """
+    places = Places(atlas).prepare()
+    names = ["surface", "sphere", "sphere (conformal)"]
+    if same_mesh(atlas.sealed, atlas.surface):
+        names.append("sealed surface")
+    return places, {name: _mesh_of(atlas, name) for name in names}
+
+
+def _mesh_of(atlas: Atlas, name: str) -> _Mesh:
+    """What a layer's mesh is picked with."""
+    surface, sphere = atlas.surface, atlas.sphere
+    if name in ("sphere", "sphere (conformal)"):
+        vertices = sphere.vertices if name == "sphere" else sphere.conformal
+        return _Mesh("sphere", vertices, sphere.faces, SpherePicker(vertices, sphere.faces))
+    if name == "topographic surface":
+        cut, kept = flat_surface(atlas.topography)
+        of = atlas.topography.cut_origin[kept]
+        return _Mesh("surface", cut.vertices, cut.faces, RayPicker(cut.vertices, cut.faces), of)
+    chart = {"sealed surface": "sealed"}.get(name, name)
+    mesh = getattr(atlas, chart)
+    shared = chart == "surface" or (chart == "sealed" and same_mesh(mesh, surface))
+    locator = atlas._surface_locator if shared else None
+    return _Mesh(chart, mesh.vertices, mesh.faces, RayPicker(mesh.vertices, mesh.faces, locator))
+
+
+def _built(atlas: Atlas, name: str) -> tuple[Atlas, str, _Mesh]:
+    """What comes back from the thread, with what it belongs to."""
+    return atlas, name, _mesh_of(atlas, name)

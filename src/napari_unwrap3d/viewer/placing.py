@@ -83,8 +83,11 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
 
 def remove_charts(viewer: ViewerModel) -> None:
     """Take every chart out of the viewer."""
+    ours = [each for each in viewer.layers if chart_of(each)]
+    if not ours:
+        return
     with viewer.layers.batched_update():
-        for layer in [each for each in viewer.layers if chart_of(each)]:
+        for layer in ours:
             viewer.layers.remove(layer)
 
 

@@ -35,7 +35,7 @@ from .step_states import (
     first_open_step,
     pipeline_states,
 )
-from .threads import tell
+from .threads import quiet_collector, tell
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -46,6 +46,8 @@ if TYPE_CHECKING:
 CLOSE_SECONDS = 5.0
 # A slider that rests this long has been moved where it should be.
 DEBOUNCE_MS = 300
+# Between two layers the window draws the first one, and takes what the user does.
+TURN_MS = 10
 REQUESTED = tuple(step.name for step in ON_REQUEST)
 
 NO_LAYER = "Open a stack, a label image or a mesh (File > Open, or File > Open Sample)."
@@ -117,7 +119,7 @@ class Session(QObject):
         self._again = False  # the run in progress is cancelled to start anew
         self._work: deque[Iterator[None]] = deque()
         self._timer = QTimer(self)
-        self._timer.setInterval(0)
+        self._timer.setInterval(TURN_MS)
         self._timer.timeout.connect(self._do_next)
         self._rest = QTimer(self)
         self._rest.setSingleShot(True)
@@ -294,6 +296,7 @@ class Session(QObject):
         self._computation = computation
         self._closed = False
         self._turn_to_3d = self._fit_at_end = not self._has_charts()
+        quiet_collector.hold(self)
         computation.start()
         self.running_changed.emit(True)
 
@@ -325,6 +328,7 @@ class Session(QObject):
         if self._computation is not None:
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
+        quiet_collector.release(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes: leave no thread behind."""
@@ -396,9 +400,12 @@ class Session(QObject):
             yield from canvas.place(unwrapped)
         if self._turn_to_3d and layers:
             self._turn_to_3d = False
+            yield
             viewer.dims.ndisplay = 3
+            yield
             viewer.reset_view()
             show_charts_only(viewer)
+        yield
         self.charts = charts
         self.charts_changed.emit(charts)
 
@@ -413,6 +420,7 @@ class Session(QObject):
             self._start_or_tell(self._until)
             if self.running:
                 return
+        quiet_collector.release(self)
         if outcome.atlas is not None:
             self._finish(outcome.atlas)
         elif cancelled:

@@ -6,6 +6,7 @@ the one session of their viewer.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from qtpy.QtCore import QEvent, Qt
@@ -32,7 +33,7 @@ from .session import Session, session_of
 from .source_chooser import SourceChooser
 from .sources import senseless_parameters
 from .step_plots import DistortionPlot, FlowPlot, Plot
-from .step_states import DONE, RUNNING, STEPS, TITLES
+from .step_states import DONE, RUNNING, STEPS, TITLES, StepState
 from .step_texts import DESCRIPTIONS, IMPLIED, MAIN, all_numbers, mark_of, status_of
 from .threads import tell
 
@@ -62,6 +63,7 @@ class StepPanel(QFrame):
         self.session, self.step = session, step
         self.initial = Parameters()
         self._plotted: Any = None
+        self._shown: StepState | None = None
         self._build()
         self._arrange()
         self._connect()
@@ -220,6 +222,12 @@ class StepPanel(QFrame):
 
     def _on_steps(self) -> None:
         step = self.session.steps[self.step]
+        if step != self._shown:
+            self._shown = replace(step)
+            self._show(step)
+        self._on_running(self.session.running)
+
+    def _show(self, step: StepState) -> None:
         sign, colour, meaning = mark_of(self.step, step)
         self.mark.setText(sign)
         self.mark.setStyleSheet(f"color: {colour}; font-size: 14px;")
@@ -229,13 +237,11 @@ class StepPanel(QFrame):
         self.seconds.setToolTip("" if done else step.reason)
         running = step.state == RUNNING
         if not running:
-            self.status.setText(status_of(self.step, step))
             self.progress_bar.setValue(0)
+        self.status.setText("starting" if running else status_of(self.step, step))
         self.status.setVisible(bool(self.status.text()))
         self.status.setToolTip(all_numbers(self.step, step) if done else "")
         self.progress_bar.setVisible(running)
-        self._on_running(self.session.running)
-        self._highlight(self.session.next_step() == self.step and not self.session.running)
 
     def _on_running(self, running: bool) -> None:
         here = running and self.session.steps[self.step].state == RUNNING
@@ -250,7 +256,6 @@ class StepPanel(QFrame):
             self.progress_bar.setValue(round(1000 * fraction))
             if message:
                 self.status.setText(message)
-                self.status.show()
 
     def _highlight(self, highlight: bool) -> None:
         """The step that is sensible to run next stands out."""
