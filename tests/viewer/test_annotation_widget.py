@@ -204,3 +204,25 @@ def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: 
     assert (np.abs(z[slab] - middle[0]) <= 1.0).all()
     widget.slices.setChecked(False)
     assert not layer.visible
+
+
+def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -> None:
+    _, canvas, widget, annotations = opened
+    annotations.draw_vertices("out of focus", np.arange(300), 3)
+    session, old = canvas.session, widget.annotating.atlas
+    again = type(old)(
+        **{name: getattr(old, name) for name in ("surface", "sealed", "reference")},
+        sphere=old.sphere,
+        uv=old.uv,
+        topography=old.topography,
+        mask=old.mask,
+        quality=old.quality,
+    )
+    session.atlas = again
+    session.finished.emit(again)
+    qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
+    assert again.annotations.names == ("out of focus",)
+    assert (again.annotations.labels("out of focus") == annotations.labels("out of focus")).all()
+    layers = widget.annotating.layers
+    qtbot.waitUntil(lambda: layers.layer("out of focus", "uv") is not None, timeout=SECONDS)
+    assert layers.layer("out of focus", "uv").annotations is again.annotations

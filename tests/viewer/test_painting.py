@@ -280,3 +280,45 @@ def test_closing_leaves_the_meshes_as_they_were(hand: Hand) -> None:
     assert hand.annotating.layers.layer("drawn", "uv") is None
     hand.widget.undo_button.click()
     hand.qtbot.waitUntil(hand._ready, timeout=SECONDS)
+
+
+def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
+    hand.choose("point")
+    middle = QPoint(hand.main.width() // 2, hand.main.height() // 2)
+    QTest.mouseClick(hand.main, LEFT, NONE, middle)
+    points, shown = hand.annotations.points, hand.annotating.points
+    assert list(points.positions) == ["point 1"]
+    place, _ = points.on("uv")
+    np.testing.assert_allclose(shown.layer("uv").data, place)
+    second = QPoint(hand.second.width() // 3, hand.second.height() // 2)
+    QTest.mouseClick(hand.second, LEFT, NONE, second)
+    assert list(points.positions) == ["point 1", "point 2"]
+    assert len(shown.layer("surface").data) == 2
+    # Moved in the main canvas; dragging with the tool turns the view and sets none.
+    angles = hand.viewer.scene.camera.angles
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert hand.viewer.scene.camera.angles != angles
+    assert len(points.positions) == 2
+    layer = shown.layer("surface")
+    layer.selected_data = {0}
+    layer.remove_selected()
+    assert list(points.positions) == ["point 2"]
+    assert len(shown.layer("uv").data) == 1
+    hand.widget.undo_button.click()
+    assert len(shown.layer("surface").data) == 2
+
+
+def test_drawing_in_the_topography_marks_where_the_surface_is(hand: Hand) -> None:
+    hand.canvas.show_chart("topography")
+    layers = hand.annotating.layers
+    hand.qtbot.waitUntil(lambda: layers.layer("drawn", "topography") is not None, timeout=SECONDS)
+    layer = layers.layer("drawn", "topography")
+    hand.choose("brush", label=3)
+    hand.widget.all_depths.setChecked(True)
+    hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
+    assert (hand.labels() == 3).sum() > 10
+    assert (layer.data == hand.annotations.image("drawn", "topography")).all()
+    assert layer.data.any(axis=(1, 2)).sum() > 1
+    hand.widget.undo_button.click()
+    hand.settle()
+    assert not layer.data.any()

@@ -13,13 +13,15 @@ import numpy as np
 from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..annotations import Annotations
+from ..annotations.state import moved
 from ..atlas import Atlas
 from ..charts import Ints
 from ..errors import Unwrap3DError
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
-from .painting import LOOK, TOOLS, SurfacePainter
+from .painting import LOOK, POINT, TOOLS, SurfacePainter
 from .placing import chart_of
+from .point_layers import PointLayers
 from .session import session_of
 from .shape_layers import ShapeLayers
 from .texturing import Texturing, Watching
@@ -94,9 +96,11 @@ class Annotating(QObject):
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
+        self._carrying: Task | None = None
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
+        self.points = PointLayers(viewer, self)
         for key, what in KEYS.items():
             viewer.bind_key(key, self._undo if what == "undo" else self._redo, overwrite=True)
 
@@ -138,6 +142,7 @@ class Annotating(QObject):
         self._texturing = Texturing(viewer, atlas, annotations, self.style, watching, self)
         self.layers.show(annotations, watching)
         self.shapes.show(annotations)
+        self.points.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
@@ -161,11 +166,35 @@ class Annotating(QObject):
             canvas.charts_changed.connect(self._on_charts)
             canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
+            self.points.use_canvas(canvas)
 
     def _on_session(self, _: Any = None) -> None:
         assert self._session is not None
-        atlas = self._session.atlas
+        atlas, old = self._session.atlas, self._annotations
+        if atlas is self.atlas or self._carrying is not None:
+            return
+        if atlas is not None and old is not None and atlas.annotated is None and old.names:
+            # The same cell with other parameters: what was drawn on it is carried along.
+            self._carrying = Task(_carry, old, atlas)
+            self._carrying.returned.connect(self._on_carried)
+            self._carrying.failed.connect(self._on_not_carried)
+            self._carrying.start()
+            return
         self.show(atlas, None if atlas is None else atlas.annotations)
+
+    def _on_carried(self, atlas: Atlas) -> None:
+        self._carrying = None
+        if self._session is not None and self._session.atlas is atlas:
+            self.show(atlas, atlas.annotations)
+        elif self._session is not None:
+            self._on_session()
+
+    def _on_not_carried(self, error: BaseException) -> None:
+        self._carrying = None
+        if self._session is not None:
+            tell(error)
+            atlas = self._session.atlas
+            self.show(atlas, None if atlas is None else atlas.annotations)
 
     def _leave(self) -> None:
         if self._annotations is not None:
@@ -177,6 +206,7 @@ class Annotating(QObject):
             self._texturing = None
         self.layers.leave()
         self.shapes.leave()
+        self.points.leave()
         self.painter.forget()
 
     def close(self) -> None:
@@ -192,8 +222,9 @@ class Annotating(QObject):
         if viewer is not None:
             for key in KEYS:
                 viewer.bind_key(key, None, overwrite=True)
-        if self._direct is not None:
-            self._direct.wait(CLOSE_SECONDS)
+        for task in (self._direct, self._carrying):
+            if task is not None:
+                task.wait(CLOSE_SECONDS)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes."""
@@ -266,6 +297,11 @@ class Annotating(QObject):
         if tool != LOOK:
             self.painter.prepare()
         self.chosen.emit()
+
+    @property
+    def points_wanted(self) -> bool:
+        """Whether a click sets a point."""
+        return self._tool == POINT
 
     def undo(self) -> None:
         """Take back the last stroke, in whichever view it was drawn."""
@@ -397,6 +433,12 @@ class Annotating(QObject):
         self.told.emit("")
         if self.atlas is not None:
             tell(error)
+
+
+def _carry(old: Annotations, atlas: Atlas) -> Atlas:
+    """Put annotations on another atlas of the same cell."""
+    atlas.annotations.restore(moved(old, atlas))
+    return atlas
 
 
 _ANNOTATING: weakref.WeakKeyDictionary[Any, Annotating] = weakref.WeakKeyDictionary()

@@ -67,9 +67,12 @@ class RegionsBox(QGroupBox):
 
     def _arrange(self) -> None:
         half, box = QWidget(), QWidget()
-        row = QHBoxLayout(half)
-        for widget in (self.axis_box, self.side_box, self.position):
-            row.addWidget(widget)
+        row = QVBoxLayout(half)
+        first = QHBoxLayout()
+        for widget in (self.axis_box, self.position):
+            first.addWidget(widget)
+        row.addLayout(first)
+        row.addWidget(self.side_box)
         rows = QVBoxLayout(box)
         for corner in self.corners:
             line = QHBoxLayout()
@@ -194,6 +197,7 @@ def _micrometres(tip: str) -> QDoubleSpinBox:
     spin.setSuffix(" µm")
     spin.setToolTip(tip)
     spin.setKeyboardTracking(False)
+    spin.setMinimumWidth(60)
     return spin
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from qtpy.QtCore import Qt
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import (
     QButtonGroup,
     QCheckBox,
@@ -12,6 +13,7 @@ from qtpy.QtWidgets import (
     QDoubleSpinBox,
     QFormLayout,
     QFrame,
+    QGridLayout,
     QGroupBox,
     QHBoxLayout,
     QLabel,
@@ -27,7 +29,7 @@ from .annotating import LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
-from .painting import BRUSH, ERASE, FILL, LASSO, LOOK
+from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 
 if TYPE_CHECKING:
     import napari
@@ -44,6 +46,11 @@ TOOL_TEXTS = {
         "Lasso",
         "In 3D: draw around a part of the cell; what you see inside is marked. In an image: "
         "click the corners of a polygon, and double-click to end it.",
+    ),
+    POINT: (
+        "Point",
+        "Click the surface, or an image, to set a named point. In the layer “points” of the "
+        "3D canvas points can be moved and deleted.",
     ),
     FILL: ("Fill", "In an image: click a region to give all of it the current label."),
 }
@@ -65,6 +72,7 @@ through all depths.<br>
 <b>Undo</b> takes back one stroke, in whichever view it was drawn: Ctrl+Z (⌘Z), and
 Ctrl+Shift+Z (⌘⇧Z) makes it again."""
 WIDTH = 320
+TOOLS_PER_ROW = 3
 
 
 class AnnotationWidget(QWidget):
@@ -132,10 +140,10 @@ class AnnotationWidget(QWidget):
         self.help_button.setCheckable(True)
 
     def _arrange(self) -> None:
-        tools = QHBoxLayout()
+        tools = QGridLayout()
         tools.setSpacing(2)
-        for button in self.tools.values():
-            tools.addWidget(button, 1)
+        for place, button in enumerate(self.tools.values()):
+            tools.addWidget(button, *divmod(place, TOOLS_PER_ROW))
         history = QHBoxLayout()
         history.addWidget(self.undo_button)
         history.addWidget(self.redo_button)
@@ -169,14 +177,18 @@ class AnnotationWidget(QWidget):
         scroll.setFrameShape(QFrame.Shape.NoFrame)
         scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         scroll.setWidget(content)
-        # Nothing is cut off at the side, also when the scroll bar is there.
-        bar = scroll.verticalScrollBar().sizeHint().width()
-        self.setMinimumWidth(max(WIDTH, content.minimumSizeHint().width() + bar))
+        self._scroll, self._content = scroll, content
         layout = QVBoxLayout(self)
         layout.setContentsMargins(0, 0, 0, 0)
         layout.addWidget(scroll)
         self.help.hide()
         self.busy.hide()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Nothing is cut off at the side, also when the scroll bar is there."""
+        super().showEvent(event)
+        bar = self._scroll.verticalScrollBar().sizeHint().width()
+        self.setMinimumWidth(max(WIDTH, self._content.minimumSizeHint().width() + bar))
 
     def _connect(self) -> None:
         annotating = self.annotating

@@ -15,7 +15,7 @@ from qtpy.QtCore import QObject, QTimer
 from ..annotations import Annotations
 from .drawing import DrawnLabels, drawing_name, label_colormap
 from .layers import UNIT, mesh_area, uv_pixel_um
-from .painting import BRUSH, ERASE, FILL, LASSO, LOOK
+from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 from .placing import chart_of
 from .texturing import Watching
 from .threads import Task, tell
@@ -25,7 +25,14 @@ if TYPE_CHECKING:
 
     from .annotating import Annotating
 
-MODES = {LOOK: "pan_zoom", BRUSH: "paint", ERASE: "erase", FILL: "fill", LASSO: "polygon"}
+MODES = {
+    LOOK: "pan_zoom",
+    BRUSH: "paint",
+    ERASE: "erase",
+    FILL: "fill",
+    LASSO: "polygon",
+    POINT: "pan_zoom",
+}
 VOLUME = "volume"
 CLOSE_SECONDS = 5.0
 SMALLEST_BRUSH, LARGEST_BRUSH = 1, 400

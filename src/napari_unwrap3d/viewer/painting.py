@@ -29,7 +29,8 @@ if TYPE_CHECKING:
     from .annotating import Annotating
 
 LOOK, BRUSH, ERASE, LASSO, FILL = "look", "brush", "erase", "lasso", "fill"
-TOOLS = (LOOK, BRUSH, ERASE, LASSO, FILL)
+POINT = "point"
+TOOLS = (LOOK, BRUSH, ERASE, LASSO, FILL, POINT)
 # Filling is for images.
 ON_MESHES = (BRUSH, ERASE, LASSO)
 PAINTED = ("surface", "reference", "sphere")
@@ -175,6 +176,9 @@ class SurfacePainter(QObject):
     def drag(self, viewer: ViewerModel, event: Any) -> Iterator[None]:
         """Called by napari when a mouse button goes down."""
         tool = self._annotating.tool
+        if tool == POINT and event.button == 1 and len(event.dims_displayed) == 3:
+            yield from self._click(event)
+            return
         if tool not in ON_MESHES or event.button != 1 or len(event.dims_displayed) != 3:
             return
         hit = self.pick(event.position, event.view_direction)
@@ -196,6 +200,16 @@ class SurfacePainter(QObject):
             # A stroke that the end of the window cut short ends when it is forgotten.
             if not self._closed:
                 self._annotating.edited.emit()
+
+    def _click(self, event: Any) -> Iterator[None]:
+        """Set a point where the surface is clicked; a drag turns the view."""
+        hit = self.pick(event.position, event.view_direction)
+        yield
+        if hit is not None and event.type != "mouse_move":
+            if chart_of(hit.layer) == "surface":
+                self._annotating.points.add(hit.point, "surface")
+            else:
+                self._annotating.told.emit("Points are set on the surface, or in an image.")
 
     def _paint(self, layer: Layer, label: int, event: Any) -> Iterator[None]:
         last = self._dab(layer, label, event, None)

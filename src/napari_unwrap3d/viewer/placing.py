@@ -6,8 +6,9 @@ from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
-from .layers import KEY, LayerData
+from .layers import COPIES, KEY, LayerData
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -17,6 +18,17 @@ if TYPE_CHECKING:
 def chart_of(layer: Layer) -> str:
     """The chart that a layer shows; empty for a layer that is not ours."""
     return str(layer.metadata.get(KEY, {}).get("chart", ""))
+
+
+def set_vertices(layer: Layer, vertices: npt.NDArray[Any]) -> bool:
+    """Give a mesh other positions, also one that was cut; False if they are too few or many."""
+    copies = layer.metadata.get(KEY, {}).get(COPIES)
+    whole = vertices if copies is None or len(vertices) <= copies.max() else vertices[copies]
+    if len(whole) != len(layer.vertices):
+        return False
+    if not np.array_equal(whole, layer.vertices):
+        layer.vertices = whole
+    return True
 
 
 def place_layers(viewer: ViewerModel, layers: Collection[LayerData]) -> None:

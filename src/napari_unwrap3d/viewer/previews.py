@@ -18,7 +18,7 @@ from ..parameters import Parameters, ReferenceParameters
 from ..progress import Progress
 from ..unwrapping.preview import FlowPreview, between_blends, flow_preview, iterations_to_keep
 from .layers import KEY, SPACE, UNIT
-from .placing import chart_of
+from .placing import chart_of, set_vertices
 from .threads import Task, tell
 
 if TYPE_CHECKING:
@@ -168,10 +168,7 @@ class Previews(QObject):
         layer = self._layer_of("sphere")
         if layer is None or len(self.blends) < 2:
             return False
-        if len(layer.vertices) != len(self.blends[0.0]):
-            return False
-        layer.vertices = between_blends(self.blends, blend)
-        return True
+        return set_vertices(layer, between_blends(self.blends, blend))
 
     def _layer_of(self, name: str) -> Layer | None:
         viewer = self.session.viewer
@@ -187,9 +184,7 @@ class Previews(QObject):
         self._end_iteration(exact=False)
         sphere, layer = self.session.charts.get("sphere"), self._layer_of("sphere")
         if sphere is not None and layer is not None:
-            shown = sphere.vertices.astype(np.float32)
-            if len(shown) == len(layer.vertices) and not np.array_equal(shown, layer.vertices):
-                layer.vertices = shown
+            set_vertices(layer, sphere.vertices.astype(np.float32))
 
     def _on_charts(self, charts: dict[str, Any]) -> None:
         """The exact reference has come, or those of another cell."""
