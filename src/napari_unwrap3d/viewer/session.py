@@ -122,6 +122,8 @@ class Session(QObject):
         self._problems: dict[str, str] = {}
         self._failed: tuple[str, str] | None = None
         self._computation: Computation | None = None
+        # Its thread may be about to end: the last reference must not be dropped there.
+        self._ended: Computation | None = None
         self._until = ""  # of the last run: what a changed parameter computes anew
         self._again = False  # the run in progress is cancelled to start anew
         self._work: deque[Iterator[None]] = deque()
@@ -426,7 +428,7 @@ class Session(QObject):
 
     def _end(self, outcome: Outcome) -> Iterator[None]:
         yield
-        self._computation = None
+        self._ended, self._computation = self._computation, None
         cancelled = isinstance(outcome.error, Cancelled)
         if cancelled and self._again:
             self._start_or_tell(self._until)
