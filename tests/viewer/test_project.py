@@ -90,7 +90,8 @@ def test_a_project_comes_back_as_it_was_left(
     canvas = canvas_of(viewer)
     settle(canvas, qtbot)
     assert {step.state for name, step in session.steps.items() if name in STEP_NAMES} == {"done"}
-    assert session.parameters == small_atlas.parameters
+    for step in STEP_NAMES:
+        assert getattr(session.parameters, step) == getattr(small_atlas.parameters, step)
     assert session.source is viewer.layers["two ramps"]
     assert session.project_path == project
     assert (atlas.annotations.labels(NAME) == draw(small_atlas.replaced())).all()
