@@ -117,6 +117,21 @@ class Atlas:
             atlas.annotations.restore(moved(self.annotated, atlas))
         return atlas
 
+    def completed(self, other: Atlas) -> bool:
+        """Take the charts on request from another atlas, if it is the same cell otherwise.
+
+        Returns
+        -------
+        bool
+            False where other charts differ, or where one on request is there already that is
+            another one: nothing is taken then.
+        """
+        if not (_same_charts(self, other) and _extends(self.on_request, other.on_request)):
+            return False
+        for name in ("on_request", "quality", "provenance", "parameters"):
+            object.__setattr__(self, name, getattr(other, name))
+        return True
+
     @property
     def direct(self) -> Direct:
         """The sealed surface on the sphere, one to one."""
@@ -453,3 +468,30 @@ def load(path: str | Path) -> Atlas:
     from .files.project import load_project
 
     return load_project(path)
+
+
+# By what a chart is told from another: fields may have been added to a copy of it.
+PARTS = {
+    "surface": "vertices",
+    "sealed": "vertices",
+    "reference": "vertices",
+    "sphere": "vertices",
+    "uv": "face",
+    "topography": "nodes",
+    "mask": "data",
+}
+
+
+def _same_charts(one: Atlas, other: Atlas) -> bool:
+    """Whether two atlases share the arrays of every chart that is not on request."""
+    if any(one.has(name) != other.has(name) for name in PARTS):
+        return False
+    return all(
+        getattr(getattr(one, name), part) is getattr(getattr(other, name), part)
+        for name, part in PARTS.items()
+        if one.has(name)
+    )
+
+
+def _extends(some: Mapping[str, Any], more: Mapping[str, Any]) -> bool:
+    return all(more.get(name) is chart for name, chart in some.items())

@@ -45,7 +45,7 @@ def open_atlas(
     charts = atlas_charts(atlas)
     layout = Layout.of(charts)
     layers = [layer for name in reversed(charts) for layer in chart_layers(name, charts, layout)]
-    known = Known(pipeline, (np.zeros(3),), charts)
+    known = Known(pipeline, (), shown=charts)
     chosen = [each for each in layers if each[1]["name"] in names]
     session.adopt(known, atlas, session.source, chosen)
     qtbot.waitUntil(lambda: session.atlas is atlas, timeout=SECONDS)

@@ -168,12 +168,11 @@ def test_drawing_is_saved_by_itself_in_the_project(
     open_project(viewer, project)
     atlas = wait(session_of(viewer), qtbot)
     keeper = autosave_of(viewer)
-    qtbot.waitUntil(lambda: not keeper.dirty, timeout=SECONDS)
+    keeper._timer.setInterval(1)
     atlas.annotations.add("out of focus")
     atlas.annotations.draw_vertices("out of focus", [0, 1, 2], 1)
     assert keeper.dirty
-    keeper.save()
-    qtbot.waitUntil(lambda: keeper._task is None, timeout=SECONDS)
+    qtbot.waitUntil(lambda: not keeper.dirty and keeper._task is None, timeout=SECONDS)
     again = unwrap3d.load(project)
     assert again.annotations.labels("out of focus").nonzero()[0].tolist() == [0, 1, 2]
     assert load_source(project) is not None, "the rest of the project stays"

@@ -13,7 +13,6 @@ import numpy as np
 from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..annotations import Annotations
-from ..annotations.state import moved
 from ..atlas import Atlas
 from ..charts import Ints
 from ..errors import Unwrap3DError
@@ -96,7 +95,6 @@ class Annotating(QObject):
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
-        self._carrying: Task | None = None
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
@@ -170,30 +168,8 @@ class Annotating(QObject):
 
     def _on_session(self, _: Any = None) -> None:
         assert self._session is not None
-        atlas, old = self._session.atlas, self._annotations
-        if atlas is self.atlas or self._carrying is not None:
-            return
-        if atlas is not None and old is not None and atlas.annotated is None and old.names:
-            # The same cell with other parameters: what was drawn on it is carried along.
-            self._carrying = Task(_carry, old, atlas)
-            self._carrying.returned.connect(self._on_carried)
-            self._carrying.failed.connect(self._on_not_carried)
-            self._carrying.start()
-            return
-        self.show(atlas, None if atlas is None else atlas.annotations)
-
-    def _on_carried(self, atlas: Atlas) -> None:
-        self._carrying = None
-        if self._session is not None and self._session.atlas is atlas:
-            self.show(atlas, atlas.annotations)
-        elif self._session is not None:
-            self._on_session()
-
-    def _on_not_carried(self, error: BaseException) -> None:
-        self._carrying = None
-        if self._session is not None:
-            tell(error)
-            atlas = self._session.atlas
+        atlas = self._session.atlas
+        if atlas is not self.atlas:
             self.show(atlas, None if atlas is None else atlas.annotations)
 
     def _leave(self) -> None:
@@ -222,9 +198,8 @@ class Annotating(QObject):
         if viewer is not None:
             for key in KEYS:
                 viewer.bind_key(key, None, overwrite=True)
-        for task in (self._direct, self._carrying):
-            if task is not None:
-                task.wait(CLOSE_SECONDS)
+        if self._direct is not None:
+            self._direct.wait(CLOSE_SECONDS)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes."""
@@ -433,12 +408,6 @@ class Annotating(QObject):
         self.told.emit("")
         if self.atlas is not None:
             tell(error)
-
-
-def _carry(old: Annotations, atlas: Atlas) -> Atlas:
-    """Put annotations on another atlas of the same cell."""
-    atlas.annotations.restore(moved(old, atlas))
-    return atlas
 
 
 _ANNOTATING: weakref.WeakKeyDictionary[Any, Annotating] = weakref.WeakKeyDictionary()

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from qtpy.QtCore import QObject, Signal
 
 from ..atlas import Atlas
-from ..charts import Stack, Surface
+from ..charts import Size3, Stack, Surface
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline
 from ..progress import Progress
@@ -46,12 +46,15 @@ class Known:
     pipeline : Pipeline
     identity : tuple
         The :func:`fingerprint` of the source.
+    origin : (float, float, float)
+        Where the pipeline's coordinate zero lies in the viewer, (z, y, x) in µm.
     shown : dict
         The charts that were sent to the viewer, by name: they need not be sent again.
     """
 
     pipeline: Pipeline
     identity: tuple[Any, ...]
+    origin: Size3 = (0.0, 0.0, 0.0)
     shown: dict[str, Any] = field(default_factory=dict)
 
 
@@ -152,7 +155,7 @@ class Computation(QObject):
         """The last run's pipeline, or a new one when the source is another."""
         identity = fingerprint(self._source)
         if self._known is None or self._known.identity != identity:
-            self._known = Known(Pipeline(self._source.data), identity)
+            self._known = Known(Pipeline(self._source.data), identity, self._source.origin)
             self.source_changed.emit(self._known)
         return self._known.pipeline
 
@@ -180,7 +183,7 @@ class Computation(QObject):
         """Send the layers of those charts that are not in the viewer as they are."""
         assert self._known is not None
         shown = self._known.shown
-        layout = Layout.of(charts, self._source.origin, self._box)
+        layout = Layout.of(charts, self._known.origin, self._box)
         layers: list[LayerData] = []
         for name in reversed(charts):
             if name in names and shown.get(name) is not charts[name]:

@@ -44,8 +44,10 @@ class Opened:
         With its annotations.
     pipeline : Pipeline
         Whose steps are done, with the parameters of the atlas.
-    source : LayerSource
-        What was unwrapped.
+    identity : tuple
+        The fingerprint of the source as the layer gives it back.
+    origin : (float, float, float)
+        Where the coordinate zero of the charts lies, (z, y, x) in µm.
     source_layer : LayerData
         The layer that shows it.
     layers : list of LayerData
@@ -57,7 +59,8 @@ class Opened:
     path: Path
     atlas: Atlas
     pipeline: Pipeline
-    source: LayerSource
+    identity: tuple[Any, ...]
+    origin: Size3
     source_layer: LayerData
     layers: list[LayerData]
     view: Mapping[str, Any]
@@ -85,7 +88,8 @@ def read_opened(path: str | Path) -> Opened:
     layout = Layout.of(charts, origin)
     layers = [each for name in reversed(charts) for each in chart_layers(name, charts, layout)]
     pipeline = Pipeline.resumed(atlas, data)
-    return Opened(Path(path), atlas, pipeline, LayerSource(data, origin), layer, layers, view)
+    identity = fingerprint(_as_layer_gives(data, origin))
+    return Opened(Path(path), atlas, pipeline, identity, origin, layer, layers, view)
 
 
 def _as_layer_holds(source: Source) -> Source:
@@ -93,6 +97,14 @@ def _as_layer_holds(source: Source) -> Source:
     if not isinstance(source, Surface):
         return source
     return Surface(source.vertices.astype(np.float32).astype(np.float64), source.faces)
+
+
+def _as_layer_gives(source: Source, origin: Size3) -> LayerSource:
+    """What the layer of a source is read as: the origin of a mask is where its layer lies."""
+    if not isinstance(source, Mask):
+        return LayerSource(source, origin)
+    z, y, x = np.add(source.origin, origin).tolist()
+    return LayerSource(Mask(source.data, source.voxel_size), (z, y, x))
 
 
 def _of_source(atlas: Atlas, source: Source) -> Atlas:
@@ -180,7 +192,8 @@ def _show(viewer: weakref.ref[Any], opened: Opened) -> None:
     session = session_of(there)
     layer = Layer.create(*opened.source_layer)
     there.layers.append(layer)
-    known = Known(opened.pipeline, fingerprint(opened.source), dict(atlas_charts(opened.atlas)))
+    shown = dict(atlas_charts(opened.atlas))
+    known = Known(opened.pipeline, opened.identity, opened.origin, shown)
     session.adopt(known, opened.atlas, layer, opened.layers)
     session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
     session.later(_look(viewer, opened))

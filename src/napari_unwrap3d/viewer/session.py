@@ -253,7 +253,7 @@ class Session(QObject):
     @property
     def run_origin(self) -> Size3:
         """Where the source of the last run lies in the viewer, (z, y, x) in µm."""
-        return (0.0, 0.0, 0.0) if self._known is None else self._known.identity[0]
+        return (0.0, 0.0, 0.0) if self._known is None else self._known.origin
 
     @property
     def source_data(self) -> Source | None:
@@ -436,8 +436,12 @@ class Session(QObject):
                 return
         quiet_collector.release(self)
         if outcome.atlas is not None:
-            yield from keeping(self.atlas, outcome.atlas)
-            self._finish(outcome.atlas)
+            atlas = outcome.atlas
+            if self.atlas is not None and self.atlas.completed(atlas):
+                # What was drawn, and what can be undone, stays with it.
+                atlas = self.atlas
+            yield from keeping(self.atlas, atlas)
+            self._finish(atlas)
         elif cancelled:
             self._update_states()
             self.stopped.emit("Cancelled. Run again to continue from the last finished step.")
