@@ -143,7 +143,12 @@ PRESETS: dict[str, dict[str, Any]] = {
         "topography": {"step_voxels": 0.5},
     },
     "filopodia": {
-        "reference": {"iterations": 50, "delta": 5e-4, "threshold": 1e-4},
+        "reference": {
+            "iterations": 50,
+            "delta": 5e-4,
+            "threshold": 1e-4,
+            "extra_iterations": 5,
+        },
         "uv": {"rows": 512, "axis_weight": "mean_curvature"},
         "topography": {"step_voxels": 0.5},
     },

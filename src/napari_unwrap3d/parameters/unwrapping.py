@@ -102,7 +102,7 @@ class ReferenceParameters(StepParameters):
         1, "Minimum iterations", "Never stop earlier.", source="Methods, t_min", ge=0, le=200
     )
     extra_iterations: int = setting(
-        3,
+        0,
         "Extra iterations",
         "Continue this many iterations after the stop, unless that is fixed: the feet of "
         "protrusions smooth away last.",
