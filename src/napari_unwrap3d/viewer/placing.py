@@ -49,8 +49,8 @@ def show_unmirrored(viewer: ViewerModel) -> None:
 def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None]:
     """Show the layers of some charts, in place of what was shown of them before.
 
-    Yields after every layer: napari needs up to a tenth of a second for one, and the
-    caller can let the window breathe in between.
+    Yields when a layer is made, and when it is there: napari needs up to a tenth of a
+    second for both, and the caller can let the window breathe in between.
 
     A layer that is there already keeps its position in the list, its colormap and,
     if the user changed them, its visibility and contrast limits. What the charts no
@@ -75,7 +75,10 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
     added = []
     for chart, group in _by_chart(new.values()).items():
         for place, (data, attributes, kind) in enumerate(group, start=_place(viewer, chart)):
-            added.append(_insert(viewer, place, data, attributes, kind))
+            layer = _made(data, attributes, kind)
+            yield
+            viewer.layers.insert(place, layer)
+            added.append(layer)
             yield
     if chosen and viewer.layers.selection.active in added:
         viewer.layers.selection = chosen
@@ -111,14 +114,11 @@ def _name(attributes: dict[str, Any]) -> str:
     return str(attributes["metadata"][KEY]["layer"])
 
 
-def _insert(
-    viewer: ViewerModel, place: int, data: Any, attributes: dict[str, Any], kind: str
-) -> Layer:
+def _made(data: Any, attributes: dict[str, Any], kind: str) -> Layer:
     from napari.layers import Layer
 
     layer = Layer.create(data, attributes, kind)
     _remember(layer)
-    viewer.layers.insert(place, layer)
     return layer
 
 

@@ -18,7 +18,7 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
-from .canvas import canvas_of, open_canvas
+from .canvas import canvas_of, open_canvas, opening
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
 from .layers import LayerData, atlas_charts, split_layers
@@ -408,10 +408,8 @@ class Session(QObject):
         own, unwrapped = split_layers(layers)
         yield from placing(viewer, own)
         if unwrapped:
-            # Opening it takes a tenth of a second: a turn of its own.
-            canvas = canvas_of(viewer)
-            yield
-            yield from canvas.place(unwrapped)
+            yield from opening(viewer)
+            yield from canvas_of(viewer).place(unwrapped)
         if self._turn_to_3d and layers:
             self._turn_to_3d = False
             yield
