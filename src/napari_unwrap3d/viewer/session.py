@@ -24,7 +24,7 @@ from .keeping import keeping
 from .layers import LayerData, atlas_charts, split_layers
 from .placing import chart_of, placing, remove_charts
 from .previews import Previews
-from .showing import fit_visible, show_charts_only
+from .showing import fit_visible, hide_sources
 from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 from .step_states import (
     DONE,
@@ -413,10 +413,13 @@ class Session(QObject):
         if self._turn_to_3d and layers:
             self._turn_to_3d = False
             yield
+            # Before the first frame in 3D: without a graphics card that of a stack takes a second.
+            hide_sources(viewer)
+            yield
             viewer.dims.ndisplay = 3
             yield
             viewer.reset_view()
-            show_charts_only(viewer)
+            fit_visible(viewer)
         yield
         self.charts = charts
         self.charts_changed.emit(charts)
