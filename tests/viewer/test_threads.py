@@ -71,6 +71,20 @@ def test_the_collector_is_quiet_until_the_last_lets_go() -> None:
     assert gc.get_freeze_count() == 0
 
 
+def test_the_collector_also_leaves_alone_what_was_made_meanwhile() -> None:
+    collector, holder = QuietCollector(), object()
+    collector.renew()
+    assert gc.get_freeze_count() == 0
+    collector.hold(holder)
+    before = gc.get_freeze_count()
+    made = [[each] for each in range(2000)]
+    assert gc.get_freeze_count() == before
+    collector.renew()
+    assert gc.get_freeze_count() >= before + len(made)
+    collector.release(holder)
+    assert gc.get_freeze_count() == 0
+
+
 def test_threads_take_short_turns_while_a_task_runs(qtbot: Any) -> None:
     usual = sys.getswitchinterval()
     going, enough = threading.Event(), threading.Event()

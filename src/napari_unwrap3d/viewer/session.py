@@ -380,6 +380,7 @@ class Session(QObject):
             next(self._work[0])
         except StopIteration:
             self._work.popleft()
+        quiet_collector.renew()
 
     # What the computing thread sends -----------------------------------------
 

@@ -114,8 +114,15 @@ class QuietCollector(Held):
 
     A full collection of the objects of a napari window holds up every thread for a quarter
     of a second, and a run makes enough objects to set off several. What exists when the first
-    holder asks is left alone until the last one lets go; what is new is collected as ever.
+    holder asks is left alone until the last one lets go; what is new is collected as ever,
+    until :meth:`renew`.
     """
+
+    def renew(self) -> None:
+        """Leave alone what exists now, if anything is: each layer is ten thousand objects."""
+        with self._lock:
+            if self._holders:
+                gc.freeze()
 
     def _begin(self) -> None:
         gc.freeze()
