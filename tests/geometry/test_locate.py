@@ -1,11 +1,14 @@
 """Point location: on spheres exactly, on surfaces against closed formulas."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import NotLocatedError
+from napari_unwrap3d.geometry import locate
 from napari_unwrap3d.geometry.locate import (
     LabelInterpolator,
     SphericalLocator,
@@ -148,6 +151,36 @@ def test_segments_that_end_too_early_or_point_away_hit_nothing() -> None:
     for start, end in ((2 * way, 1.1 * way), (2 * way, 3 * way), (0 * way, 0.9 * way)):
         face, _ = locator.first_hit(start, end)
         assert (face == -1).all()
+
+
+class CountedTree:
+    """A tree that tells how many points it was asked for at a time."""
+
+    def __init__(self, tree: Any) -> None:
+        self._tree, self.asked = tree, list[int]()
+
+    def squared_distance(self, vertices: Any, faces: Any, points: Any) -> Any:
+        self.asked.append(len(points))
+        return self._tree.squared_distance(vertices, faces, points)
+
+    def intersect_ray_first(self, vertices: Any, faces: Any, origin: Any, along: Any) -> Any:
+        self.asked.append(len(origin))
+        return self._tree.intersect_ray_first(vertices, faces, origin, along)
+
+
+@pytest.mark.parametrize("ask", ["closest", "first_hit"])
+def test_many_queries_let_other_threads_run_and_change_nothing(
+    ask: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    locator = SurfaceLocator(*lumpy(3))
+    points = 2.0 * directions(503)
+    arguments = (points,) if ask == "closest" else (points, np.zeros_like(points))
+    whole = getattr(locator, ask)(*arguments)
+    monkeypatch.setattr(locate, "QUERIES", 100)
+    locator._tree = tree = CountedTree(locator._tree)
+    for once, parts in zip(whole, getattr(locator, ask)(*arguments), strict=True):
+        np.testing.assert_array_equal(parts, once)
+    assert tree.asked == [100] * 5 + [3]
 
 
 def test_barycentric_weights_reproduce_points_of_the_plane() -> None:

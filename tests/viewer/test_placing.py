@@ -11,7 +11,7 @@ from napari.components import ViewerModel
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Reference, Surface
 from napari_unwrap3d.viewer.layers import CURVATURE, Layout, atlas_charts, chart_layers
-from napari_unwrap3d.viewer.placing import place_layers, remove_charts
+from napari_unwrap3d.viewer.placing import place_layers, placing, remove_charts
 
 
 @pytest.fixture
@@ -37,6 +37,42 @@ def test_later_charts_go_below_earlier_ones_and_above_the_stack(
     assert names[0] == "stack"
     assert names[-4:] == ["sphere", "sealed surface", "sealed places", "surface"]
     assert viewer.layers.selection.active.name == "stack"
+
+
+def test_a_mesh_that_is_seen_is_prepared_once(viewer: ViewerModel, round_cell: Atlas) -> None:
+    viewer.dims.ndisplay = 3
+    charts = atlas_charts(round_cell)
+    layout = Layout.of(charts)
+    prepared: list[str] = []
+    viewer.layers.events.inserted.connect(
+        lambda event: event.value.events.set_data.connect(
+            lambda event: prepared.append(event.source.name)
+        )
+    )
+    viewer.layers["stack"].events.set_data.connect(lambda _: prepared.append("stack"))
+    visible: list[bool] = []
+    for _ in placing(viewer, chart_layers("surface", charts, layout)):
+        visible += [viewer.layers["surface"].visible] if "surface" in viewer.layers else []
+    assert visible == [False, True]
+    assert prepared.count("surface") == 1
+    # A slider that gets another range may move.
+    viewer.layers.events.inserted.connect(lambda _: viewer.dims.set_point(0, 1.7))
+    place_layers(viewer, chart_layers("topography", charts, layout)[1:])
+    assert viewer.dims.point[0] == 1.7
+    assert "stack" in prepared
+    # No slider changes what is seen of it in 3D.
+    assert prepared.count("surface") == 1
+
+
+def test_charts_that_stay_where_they_are_are_left_alone(
+    viewer: ViewerModel, round_cell: Atlas
+) -> None:
+    show(viewer, round_cell, "surface")
+    moved: list[str] = []
+    for event in (viewer.layers[1].events.scale, viewer.layers[1].events.translate):
+        event.connect(lambda event: moved.append(event.type))
+    show(viewer, round_cell, "surface")
+    assert not moved
 
 
 def test_a_chart_is_replaced_in_place(viewer: ViewerModel, round_cell: Atlas) -> None:

@@ -57,6 +57,16 @@ def test_a_run_up_to_a_step_leaves_the_rest(
     assert session.atlas is not None
 
 
+def test_no_frame_in_3d_shows_the_stack(session: Session, qtbot: Any) -> None:
+    viewer = session.viewer
+    assert viewer is not None
+    stack, shown = viewer.layers["stack"], list[bool]()
+    viewer.dims.events.ndisplay.connect(lambda _: shown.append(stack.visible))
+    finish(session, qtbot, "surface")
+    assert viewer.dims.ndisplay == 3
+    assert shown == [False]
+
+
 def test_a_run_up_to_an_early_step_keeps_later_charts_that_hold(
     session: Session, qtbot: Any
 ) -> None:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import concurrent.futures
 import gc
+import sys
+import threading
 from typing import Any
 
 import pytest
 from qtpy.QtCore import QObject, Signal
 
 from napari_unwrap3d.viewer import threads
-from napari_unwrap3d.viewer.threads import QuietCollector, Task
+from napari_unwrap3d.viewer.threads import TURN_SECONDS, QuietCollector, Task
 
 
 class Sender(QObject):
@@ -67,6 +69,43 @@ def test_the_collector_is_quiet_until_the_last_lets_go() -> None:
     for holder in (second, second):
         collector.release(holder)
     assert gc.get_freeze_count() == 0
+
+
+def test_the_collector_also_leaves_alone_what_was_made_meanwhile() -> None:
+    collector, holder = QuietCollector(), object()
+    collector.renew()
+    assert gc.get_freeze_count() == 0
+    collector.hold(holder)
+    before = gc.get_freeze_count()
+    made = [[each] for each in range(2000)]
+    assert gc.get_freeze_count() == before
+    collector.renew()
+    assert gc.get_freeze_count() >= before + len(made)
+    collector.release(holder)
+    assert gc.get_freeze_count() == 0
+
+
+def test_threads_take_short_turns_while_a_task_runs(qtbot: Any) -> None:
+    usual = sys.getswitchinterval()
+    going, enough = threading.Event(), threading.Event()
+
+    def work() -> float:
+        going.set()
+        enough.wait(5.0)
+        return sys.getswitchinterval()
+
+    first, second = Task(work), Task(sys.getswitchinterval)
+    first.start()
+    assert going.wait(5.0)
+    with qtbot.waitSignal(second.returned, timeout=5000) as during:
+        second.start()
+    assert second.wait(5.0)
+    # The first one still runs.
+    assert sys.getswitchinterval() == during.args[0] == pytest.approx(TURN_SECONDS)
+    with qtbot.waitSignal(first.returned, timeout=5000):
+        enough.set()
+    assert first.wait(5.0)
+    assert sys.getswitchinterval() == usual
 
 
 class Receiver(QObject):

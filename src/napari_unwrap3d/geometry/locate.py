@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numba
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +21,9 @@ ON_EDGE = 1e-13
 # much a vertex's own label stays ahead.
 LABEL_SMOOTHINGS = 3
 LABEL_MARGIN = 0.05
+# libigl lets no other Python thread run during a query, and one far from the mesh may take
+# a twentieth of a millisecond: so many at a time hold a window up for no longer than 0.1 s.
+QUERIES = 2000
 
 
 class SphericalLocator:
@@ -111,7 +116,10 @@ def _walk(inverse, neighbors, points, order, start, face, weights):  # type: ign
 
 
 class SurfaceLocator:
-    """Closest points and ray hits on a triangle mesh (libigl's bounding box tree)."""
+    """Closest points and ray hits on a triangle mesh (libigl's bounding box tree).
+
+    Many queries are made some thousands at a time, so that other threads go on in between.
+    """
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         import igl
@@ -126,10 +134,9 @@ class SurfaceLocator:
         query = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         if len(query) == 0:
             return np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)
-        squared, face, closest = self._tree.squared_distance(self._vertices, self._faces, query)
-        face = np.asarray(face, dtype=np.int64).ravel()
-        weights = barycentric(self._vertices[self._faces[face]], np.asarray(closest))
-        return face, weights, np.sqrt(np.maximum(np.asarray(squared).ravel(), 0.0))
+        face, closest, squared = _in_parts(self._closest, query)
+        weights = barycentric(self._vertices[self._faces[face]], closest)
+        return face, weights, np.sqrt(np.maximum(squared, 0.0))
 
     def first_hit(self, start: Floats, end: Floats) -> tuple[Ints, Floats]:
         """First face hit by each segment from start (n, 3) to end (n, 3), −1 for none.
@@ -142,12 +149,30 @@ class SurfaceLocator:
         """
         origin = np.ascontiguousarray(start, dtype=np.float64)
         direction = np.ascontiguousarray(end - start, dtype=np.float64)
-        face, t, uv = self._tree.intersect_ray_first(self._vertices, self._faces, origin, direction)
-        face = np.asarray(face, dtype=np.int64).ravel()
-        t, uv = np.asarray(t).ravel(), np.asarray(uv).reshape(-1, 2)
+        face, t, uv = _in_parts(self._first_hit, origin, direction)
         face = np.where((face >= 0) & (t <= 1.0 + 1e-9), face, -1)
         weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
         return face, weights
+
+    def _closest(self, points: Floats) -> tuple[Ints, Floats, Floats]:
+        squared, face, closest = self._tree.squared_distance(self._vertices, self._faces, points)
+        return np.asarray(face, np.int64).ravel(), np.asarray(closest), np.asarray(squared).ravel()
+
+    def _first_hit(self, origin: Floats, direction: Floats) -> tuple[Ints, Floats, Floats]:
+        face, t, uv = self._tree.intersect_ray_first(self._vertices, self._faces, origin, direction)
+        return np.asarray(face, np.int64).ravel(), np.asarray(t).ravel(), np.reshape(uv, (-1, 2))
+
+
+def _in_parts(
+    query: Callable[..., tuple[Ints, Floats, Floats]], *rows: Floats
+) -> tuple[Ints, Floats, Floats]:
+    """What a query gives for each row of some arrays (n, 3), a part of the rows at a time."""
+    count = max(len(rows[0]), 1)
+    parts = [query(*(each[i : i + QUERIES] for each in rows)) for i in range(0, count, QUERIES)]
+    if len(parts) == 1:
+        return parts[0]
+    face, first, second = (np.concatenate(found) for found in zip(*parts, strict=True))
+    return face, first, second
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

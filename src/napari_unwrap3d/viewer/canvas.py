@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.components import ViewerModel
 from napari.qt import QtViewer
+from napari.utils.action_manager import action_manager
 from qtpy.QtCore import QEvent, QObject, Qt, QTimer, Signal
 from qtpy.QtWidgets import (
     QButtonGroup,
@@ -113,7 +114,10 @@ class UnwrappedCanvas(QWidget):
         super().__init__(parent)
         self.session = session
         self.model = ViewerModel(title=DOCK_NAME)
-        self.qt_viewer = QtViewer(self.model)
+        # The keys stay what they were. napari binds them anew for every viewer, and tells all
+        # of its welcome screens of each one, which takes longer than making the viewer.
+        with action_manager.events.shortcut_changed.blocker():
+            self.qt_viewer = QtViewer(self.model)
         # napari makes these when they are first read, which must be before there are layers.
         self.controls, self.layer_list = self.qt_viewer.controls, self.qt_viewer.layers
         self._shown = _Shown()
@@ -460,16 +464,25 @@ def canvas_of(viewer: Any) -> UnwrappedCanvas:
     viewer : napari.Viewer
         Or the proxy of it that napari hands to plugins.
     """
+    viewer = getattr(viewer, "__wrapped__", viewer)
+    for _ in opening(viewer):
+        pass
+    return _CANVASES[viewer]
+
+
+def opening(viewer: Any) -> Iterator[None]:
+    """Do in pieces what :func:`canvas_of` does for a viewer without a second canvas."""
     from .session import session_of
     from .showing import add_shown_bar
 
-    viewer = getattr(viewer, "__wrapped__", viewer)
-    canvas = _CANVASES.get(viewer)
-    if canvas is None:
-        canvas = _CANVASES[viewer] = UnwrappedCanvas(viewer, session_of(viewer))
-        _dock(viewer, canvas)
-        add_shown_bar(viewer)
-    return canvas
+    if viewer in _CANVASES:
+        return
+    canvas = _CANVASES[viewer] = UnwrappedCanvas(viewer, session_of(viewer))
+    yield
+    _dock(viewer, canvas)
+    yield
+    add_shown_bar(viewer)
+    yield
 
 
 def _dock(viewer: Any, canvas: UnwrappedCanvas) -> None:

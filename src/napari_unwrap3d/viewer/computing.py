@@ -131,7 +131,8 @@ class Computation(QObject):
     # In the thread -----------------------------------------------------------
 
     def _compute(self) -> Atlas:
-        # The plots need it later, and importing it would hold up the window.
+        # Layers with features and plots need them later; importing would hold up the window.
+        importlib.import_module("pandas")
         importlib.import_module("matplotlib.figure")
         pipeline = self._pipeline()
         pipeline.run(self._parameters, self._progress, until=self._until)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
+from contextlib import ExitStack, contextmanager
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -49,8 +50,8 @@ def show_unmirrored(viewer: ViewerModel) -> None:
 def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None]:
     """Show the layers of some charts, in place of what was shown of them before.
 
-    Yields after every layer: napari needs up to a tenth of a second for one, and the
-    caller can let the window breathe in between.
+    Yields when a layer is made, when it is there, and when it is seen: napari needs up to a
+    tenth of a second for each, and the caller can let the window breathe in between.
 
     A layer that is there already keeps its position in the list, its colormap and,
     if the user changed them, its visibility and contrast limits. What the charts no
@@ -75,8 +76,18 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
     added = []
     for chart, group in _by_chart(new.values()).items():
         for place, (data, attributes, kind) in enumerate(group, start=_place(viewer, chart)):
-            added.append(_insert(viewer, place, data, attributes, kind))
+            shown = kind == "surface" and attributes.get("visible", True)
+            # napari prepares a visible mesh three times while it inserts it, a hidden one never.
+            layer = _made(data, attributes | {"visible": False} if shown else attributes, kind)
             yield
+            with _undisturbed(viewer):
+                viewer.layers.insert(place, layer)
+            added.append(layer)
+            yield
+            if shown:
+                layer.visible = True
+                _remember(layer)
+                yield
     if chosen and viewer.layers.selection.active in added:
         viewer.layers.selection = chosen
 
@@ -111,14 +122,24 @@ def _name(attributes: dict[str, Any]) -> str:
     return str(attributes["metadata"][KEY]["layer"])
 
 
-def _insert(
-    viewer: ViewerModel, place: int, data: Any, attributes: dict[str, Any], kind: str
-) -> Layer:
+@contextmanager
+def _undisturbed(viewer: ViewerModel) -> Iterator[None]:
+    """Keep napari from preparing all visible meshes anew because another layer moved a slider.
+
+    A mesh whose axes are all displayed looks the same wherever the sliders are.
+    """
+    with ExitStack() as blocked:
+        for layer in viewer.layers:
+            if type(layer).__name__ == "Surface" and layer.ndim <= viewer.dims.ndisplay:
+                blocked.enter_context(layer.events.set_data.blocker())
+        yield
+
+
+def _made(data: Any, attributes: dict[str, Any], kind: str) -> Layer:
     from napari.layers import Layer
 
     layer = Layer.create(data, attributes, kind)
     _remember(layer)
-    viewer.layers.insert(place, layer)
     return layer
 
 
@@ -128,7 +149,11 @@ def _update(layer: Layer, data: Any, attributes: dict[str, Any]) -> None:
     if not _same(layer.data, data):
         _take_texture_off(layer)
         layer.data = data
-    for name in ("scale", "translate", "features", "size"):
+    for name in ("scale", "translate"):
+        # Setting what is there already makes napari look at all layers again.
+        if name in attributes and not np.array_equal(getattr(layer, name), attributes[name]):
+            setattr(layer, name, attributes[name])
+    for name in ("features", "size"):
         if name in attributes:
             setattr(layer, name, attributes[name])
     layer.metadata = attributes["metadata"]

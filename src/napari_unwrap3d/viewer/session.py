@@ -18,13 +18,13 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
-from .canvas import canvas_of, open_canvas
+from .canvas import canvas_of, open_canvas, opening
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
 from .layers import LayerData, atlas_charts, split_layers
 from .placing import chart_of, placing, remove_charts
 from .previews import Previews
-from .showing import fit_visible, show_charts_only
+from .showing import fit_visible, hide_sources
 from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 from .step_states import (
     DONE,
@@ -380,6 +380,7 @@ class Session(QObject):
             next(self._work[0])
         except StopIteration:
             self._work.popleft()
+        quiet_collector.renew()
 
     # What the computing thread sends -----------------------------------------
 
@@ -408,17 +409,18 @@ class Session(QObject):
         own, unwrapped = split_layers(layers)
         yield from placing(viewer, own)
         if unwrapped:
-            # Opening it takes a tenth of a second: a turn of its own.
-            canvas = canvas_of(viewer)
-            yield
-            yield from canvas.place(unwrapped)
+            yield from opening(viewer)
+            yield from canvas_of(viewer).place(unwrapped)
         if self._turn_to_3d and layers:
             self._turn_to_3d = False
+            yield
+            # Before the first frame in 3D: without a graphics card that of a stack takes a second.
+            hide_sources(viewer)
             yield
             viewer.dims.ndisplay = 3
             yield
             viewer.reset_view()
-            show_charts_only(viewer)
+            fit_visible(viewer)
         yield
         self.charts = charts
         self.charts_changed.emit(charts)

@@ -168,12 +168,11 @@ def _is_shown(layer: Layer) -> bool:
     return bool(layer.visible) and layer.ndim >= len(SPACE)
 
 
-def show_charts_only(viewer: Any) -> None:
-    """Hide the recorded images, which would lie over the charts in 3D, and fit the rest."""
+def hide_sources(viewer: Any) -> None:
+    """Hide the recorded images, which would lie over the charts in 3D."""
     for layer in viewer.layers:
         if is_source(layer):
             layer.visible = False
-    fit_visible(viewer)
 
 
 def add_shown_bar(viewer: Any) -> ShownBar:

@@ -16,7 +16,6 @@ from qtpy.QtWidgets import (
     QFrame,
     QHBoxLayout,
     QLabel,
-    QProgressBar,
     QPushButton,
     QScrollArea,
     QSizePolicy,
@@ -29,6 +28,7 @@ from ..errors import Unwrap3DError
 from ..parameters import Parameters
 from ..unwrapping.histograms import sphere_histograms, uv_histograms
 from .forms import ParametersForm
+from .progress_bar import ProgressBar
 from .session import Session, session_of
 from .source_chooser import SourceChooser
 from .sources import senseless_parameters
@@ -92,7 +92,7 @@ class StepPanel(QFrame):
         self.run_button, self.cancel_button = QPushButton("Run"), QPushButton("Cancel")
         self.run_button.setToolTip(f"Compute everything up to this step: {TITLES[self.step]}.")
         self.cancel_button.setToolTip("Stop; finished steps are kept.")
-        self.progress_bar = QProgressBar()
+        self.progress_bar = ProgressBar()
         self.progress_bar.setRange(0, 1000)
         self.progress_bar.setTextVisible(False)
         self.progress_bar.setFixedHeight(6)

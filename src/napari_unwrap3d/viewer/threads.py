@@ -8,6 +8,7 @@ our own leaves them alone.
 from __future__ import annotations
 
 import gc
+import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -19,6 +20,8 @@ from qtpy.QtCore import QObject, Signal
 from ..errors import Unwrap3DError
 
 THREAD_NAME = "unwrap3d"
+# How long a thread keeps Python while another waits for it.
+TURN_SECONDS = 0.0005
 
 
 class Task(QObject):
@@ -43,6 +46,7 @@ class Task(QObject):
 
     def start(self) -> None:
         """Start the thread."""
+        short_turns.hold(self)
         executor = ThreadPoolExecutor(max_workers=1, thread_name_prefix=THREAD_NAME)
         future = executor.submit(self._function, *self._arguments)
         # In the thread as well. A callback of the future would be called here when the function
@@ -56,6 +60,7 @@ class Task(QObject):
 
     def _hand_over(self, future: Future[Any]) -> None:
         """Called in the thread; Qt delivers the signals in the window's."""
+        short_turns.release(self)
         error = future.exception()
         if error is None:
             self.returned.emit(future.result())
@@ -72,29 +77,74 @@ def tell(error: BaseException) -> None:
         notification_manager.receive_error(type(error), error, error.__traceback__)
 
 
-class QuietCollector:
-    """Keeps Python's garbage collector from looking at all of napari while something runs.
+class Held:
+    """Something that holds from when the first holder asks until the last one lets go.
 
-    A full collection of the objects of a napari window holds up every thread for a quarter
-    of a second, and a run makes enough objects to set off several. What exists when the first
-    holder asks is left alone until the last one lets go; what is new is collected as ever.
+    Holders may be in any thread.
     """
 
     def __init__(self) -> None:
         self._holders: set[int] = set()
+        self._lock = threading.Lock()
 
     def hold(self, holder: object) -> None:
-        """Leave what exists alone; asking twice is asking once."""
-        if not self._holders:
-            gc.freeze()
-        self._holders.add(id(holder))
+        """Begin, if it has not begun; asking twice is asking once."""
+        with self._lock:
+            if not self._holders:
+                self._begin()
+            self._holders.add(id(holder))
 
     def release(self, holder: object) -> None:
         """Let go; harmless for who holds nothing."""
-        if id(holder) in self._holders:
-            self._holders.remove(id(holder))
-            if not self._holders:
-                gc.unfreeze()
+        with self._lock:
+            if id(holder) in self._holders:
+                self._holders.remove(id(holder))
+                if not self._holders:
+                    self._end()
+
+    def _begin(self) -> None:
+        raise NotImplementedError
+
+    def _end(self) -> None:
+        raise NotImplementedError
+
+
+class QuietCollector(Held):
+    """Keeps Python's garbage collector from looking at all of napari while something runs.
+
+    A full collection of the objects of a napari window holds up every thread for a quarter
+    of a second, and a run makes enough objects to set off several. What exists when the first
+    holder asks is left alone until the last one lets go; what is new is collected as ever,
+    until :meth:`renew`.
+    """
+
+    def renew(self) -> None:
+        """Leave alone what exists now, if anything is: each layer is ten thousand objects."""
+        with self._lock:
+            if self._holders:
+                gc.freeze()
+
+    def _begin(self) -> None:
+        gc.freeze()
+
+    def _end(self) -> None:
+        gc.unfreeze()
+
+
+class ShortTurns(Held):
+    """Lets Python's threads take turns sooner while one of ours works.
+
+    Every call of OpenGL gives Python away, and a working thread that has got it keeps it for
+    a whole turn: with Python's 5 ms a window of a few hundred calls stands for a second.
+    """
+
+    def _begin(self) -> None:
+        self._usual = sys.getswitchinterval()
+        sys.setswitchinterval(min(TURN_SECONDS, self._usual))
+
+    def _end(self) -> None:
+        sys.setswitchinterval(self._usual)
 
 
 quiet_collector = QuietCollector()
+short_turns = ShortTurns()

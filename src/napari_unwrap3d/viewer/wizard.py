@@ -11,7 +11,6 @@ from qtpy.QtWidgets import (
     QFileDialog,
     QHBoxLayout,
     QLabel,
-    QProgressBar,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -22,6 +21,7 @@ from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
 from .left_behind import LeftBehind
+from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving
 from .session import session_of
 from .source_chooser import SourceChooser
@@ -84,7 +84,7 @@ class Wizard(QWidget):
             "After the first run: when a parameter changes, compute its step and what follows."
         )
         self.automatic.setChecked(self.session.update_automatically)
-        self.progress_bar = QProgressBar()
+        self.progress_bar = ProgressBar()
         self.progress_bar.setRange(0, 1000)
         self.message = QLabel()
         self.message.setWordWrap(True)
