@@ -18,6 +18,7 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
+from .binding import warn_of_binding
 from .canvas import canvas_of, open_canvas
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
@@ -544,4 +545,5 @@ def session_of(viewer: Any) -> Session:
         window.installEventFilter(session)
         session.previews = Previews(session)
         _SESSIONS[viewer] = session
+        warn_of_binding()
     return session
