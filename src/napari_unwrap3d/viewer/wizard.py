@@ -21,6 +21,7 @@ from ..errors import Unwrap3DError
 from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
+from .connections import end_with_dock
 from .left_behind import LeftBehind
 from .project import autosave_of, open_project, saving
 from .session import session_of
@@ -63,6 +64,7 @@ class Wizard(QWidget):
         self._arrange()
         self._connect()
         self._on_running(self.session.running)
+        end_with_dock(self)
 
     # Building ----------------------------------------------------------------
 
