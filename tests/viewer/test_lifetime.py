@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -148,3 +149,22 @@ def test_a_window_closed_while_everything_is_open_leaves_nothing(
     # Whatever the thread sent before it ended finds nobody.
     QCoreApplication.processEvents()
     assert told == []
+
+
+def test_a_save_goes_on_without_the_dock_that_asked_for_it(
+    make_napari_viewer: Any, qtbot: Any, undrawn: Callable[[], Any], tmp_path: Path
+) -> None:
+    viewer = make_napari_viewer()
+    open_atlas(viewer, undrawn(), qtbot, names=("uv",))
+    session, wizard = session_of(viewer), Wizard(viewer)
+    viewer.window.add_dock_widget(wizard)
+    path = tmp_path / "cell.unwrap3d"
+    wizard.save(path)
+    # The end of the save waits in the event loop, and the dock is gone before it comes.
+    assert session.saving is not None
+    assert session.saving.wait(SECONDS / 1000)
+    close_dock(wizard)
+    wizard.deleteLater()
+    QCoreApplication.sendPostedEvents(None, QEvent.Type.DeferredDelete)
+    qtbot.waitUntil(lambda: session.project_path == path, timeout=SECONDS)
+    assert path.is_file()

@@ -115,6 +115,7 @@ class Session(QObject):
         self.steps = {name: StepState() for name in STEPS}
         self.update_automatically = True
         self.opening: Task | None = None  # of a project, in a thread
+        self.saving: Task | None = None  # of the cell, in a thread
         self.project_path: Path | None = None  # where the cell was saved, or opened from
         self._source: weakref.ref[Layer] | None = None
         self._voxel_size: Size3 | None = None
