@@ -73,7 +73,7 @@ def paint_in_uv(viewer: Any, qtbot: Any, name: str) -> Any:
 def test_closed_docks_are_gone_and_the_cell_stays(
     make_napari_viewer: Any, qtbot: Any, stack: np.ndarray
 ) -> None:
-    viewer = make_napari_viewer()
+    viewer = make_napari_viewer(strict_qt=True)
     viewer.add_image(stack, **UM)
     session = session_of(viewer)
     made = [Wizard(viewer), SphereDock(viewer), AnnotationWidget(viewer)]
@@ -111,7 +111,7 @@ def test_a_dock_that_is_moved_to_another_place_stays(make_napari_viewer: Any, qt
 def test_a_second_window_has_its_own_cell_canvas_and_annotations(
     make_napari_viewer: Any, qtbot: Any, undrawn: Callable[[], Any]
 ) -> None:
-    first, second = make_napari_viewer(), make_napari_viewer()
+    first, second = (make_napari_viewer(strict_qt=True) for _ in range(2))
     atlases = {first: undrawn(), second: undrawn()}
     for viewer, atlas in atlases.items():
         open_atlas(viewer, atlas, qtbot, names=("surface", "uv"))
@@ -133,7 +133,7 @@ def test_a_second_window_has_its_own_cell_canvas_and_annotations(
 def test_a_window_closed_while_everything_is_open_leaves_nothing(
     make_napari_viewer: Any, qtbot: Any, stack: np.ndarray, fake_pipeline: Any
 ) -> None:
-    viewer = make_napari_viewer()
+    viewer = make_napari_viewer(strict_qt=True)
     viewer.add_image(stack, **UM)
     session = session_of(viewer)
     for widget in (Wizard(viewer), SphereDock(viewer), AnnotationWidget(viewer)):
