@@ -3,12 +3,17 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
+# 6.12.0 drops references to None, which aborts Python before 3.12 (viewer/binding.py).
+WANTED=(PySide6_Essentials shiboken6)
+"$VENV/bin/python" -c 'import sys; sys.exit(sys.version_info >= (3, 12))' &&
+  WANTED=('PySide6_Essentials<6.12' 'shiboken6<6.12')
+
 # Beside the environment rather than in it: the binding is chosen by name, not by what is missing.
 SITE=$ROOT/.venv-pyside6
 if [ ! -d "$SITE/PySide6" ]; then
   say "Installing PySide6 into $SITE"
   "$VENV/bin/python" -m pip install --quiet --no-input --disable-pip-version-check \
-    --no-deps --target "$SITE" PySide6_Essentials shiboken6
+    --no-deps --target "$SITE" "${WANTED[@]}"
 fi
 export PYTHONPATH=$SITE QT_API=pyside6 PYTEST_QT_API=pyside6
 if [ "$#" = 0 ]; then set -- tests/viewer; fi

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,7 @@ from napari_unwrap3d.viewer.annotation_widget import (
     TOOL_TEXTS,
     AnnotationWidget,
 )
+from napari_unwrap3d.viewer.computing import Outcome
 from napari_unwrap3d.viewer.layers import COPIES, KEY
 from napari_unwrap3d.viewer.writers import write_surface
 from viewer.opened import SECONDS, open_atlas
@@ -211,15 +213,14 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
     annotations.draw_vertices("out of focus", np.arange(300), 3)
     session, old = canvas.session, widget.annotating.atlas
     again = type(old)(
-        **{name: getattr(old, name) for name in ("surface", "sealed", "reference")},
-        sphere=old.sphere,
+        **{name: getattr(old, name) for name in ("sealed", "reference", "sphere")},
+        surface=replace(old.surface, vertices=old.surface.vertices.copy()),
         uv=old.uv,
         topography=old.topography,
         mask=old.mask,
         quality=old.quality,
     )
-    session.atlas = again
-    session.finished.emit(again)
+    session.later(session._end(Outcome(atlas=again)))
     qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
     assert again.annotations.names == ("out of focus",)
     assert (again.annotations.labels("out of focus") == annotations.labels("out of focus")).all()

@@ -29,6 +29,7 @@ from .annotating import LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
+from .connections import end_with_dock
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 
 if TYPE_CHECKING:
@@ -103,6 +104,7 @@ class AnnotationWidget(QWidget):
         self._arrange()
         self._connect()
         self._update()
+        end_with_dock(self)
 
     def _fill_in(self) -> None:
         self._group = QButtonGroup(self)

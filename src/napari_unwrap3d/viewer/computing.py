@@ -78,15 +78,15 @@ class Computation(QObject):
         The source is new, and so is this :class:`Known`; comes before any progress.
     progressed(str, float, str)
         Step, fraction 0..1 and message, at most twenty times a second.
-    charts_ready(list, object)
-        Layers of a chart that is done, made in the thread, and a dict of all known charts.
+    charts_ready(object, object)
+        Layers (list) of a chart that is done, made in the thread, and a dict of all known charts.
     ended(object)
         An :class:`Outcome`.
     """
 
     source_changed = Signal(object)
     progressed = Signal(str, float, str)
-    charts_ready = Signal(list, object)
+    charts_ready = Signal(object, object)
     ended = Signal(object)
 
     def __init__(

@@ -1,8 +1,11 @@
-"""Connections to a viewer's events that end with the widget that made them."""
+"""What ends with a widget: its connections to a viewer's events; and the widget, with its dock."""
 
 from __future__ import annotations
 
 from typing import Any
+
+from qtpy.QtCore import QEvent, QObject, QTimer
+from qtpy.QtWidgets import QWidget
 
 
 def disconnect(connections: list[tuple[Any, Any]], *_: Any) -> None:
@@ -10,3 +13,32 @@ def disconnect(connections: list[tuple[Any, Any]], *_: Any) -> None:
     for emitter, callback in connections:
         emitter.disconnect(callback)
     connections.clear()
+
+
+def end_with_dock(widget: QWidget) -> None:
+    """Delete a dock widget when its dock is closed.
+
+    napari takes it out of the dock and forgets it: it would go on listening, unseen, beside
+    the one that is opened next. One that is docked again at once is left alone.
+    """
+    _Undocked(widget)
+
+
+class _Undocked(QObject):
+    def __init__(self, widget: QWidget) -> None:
+        super().__init__(widget)
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(0)
+        self._timer.timeout.connect(self._on_rest)
+        widget.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:
+        if event is not None and event.type() == QEvent.Type.ParentChange:
+            self._timer.start()
+        return False
+
+    def _on_rest(self) -> None:
+        widget = self.parent()
+        if widget is not None and widget.parent() is None:
+            widget.deleteLater()

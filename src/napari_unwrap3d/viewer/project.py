@@ -230,6 +230,34 @@ def autosave_of(viewer: Any) -> Autosave:
     return _AUTOSAVES[viewer]
 
 
+def saving_task(viewer: Any, path: str | Path) -> Task:
+    """A task that saves the cell of a window; what comes of it is known without a wizard, too.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+    path : path
+        A ``*.unwrap3d`` file.
+
+    Returns
+    -------
+    Task
+        Not started. Errors of it are shown as notifications.
+    """
+    session, there = session_of(viewer), weakref.ref(viewer)
+    task = session.saving = Task(saving(session, viewer, path))
+    task.returned.connect(partial(_saved, there))
+    task.failed.connect(tell)
+    return task
+
+
+def _saved(viewer: weakref.ref[Any], path: Path) -> None:
+    there = viewer()
+    if there is not None:
+        session_of(there).project_path = path
+        autosave_of(there).saved(path)
+
+
 def saving(session: Session, viewer: Any, path: str | Path) -> Callable[[], Path]:
     """What saves the cell of a session, to be called in a thread; its state is taken now.
 

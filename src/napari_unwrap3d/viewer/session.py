@@ -18,6 +18,7 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
+from .binding import warn_of_binding
 from .canvas import canvas_of, open_canvas, opening
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
@@ -114,6 +115,7 @@ class Session(QObject):
         self.steps = {name: StepState() for name in STEPS}
         self.update_automatically = True
         self.opening: Task | None = None  # of a project, in a thread
+        self.saving: Task | None = None  # of the cell, in a thread
         self.project_path: Path | None = None  # where the cell was saved, or opened from
         self._source: weakref.ref[Layer] | None = None
         self._voxel_size: Size3 | None = None
@@ -546,4 +548,5 @@ def session_of(viewer: Any) -> Session:
         window.installEventFilter(session)
         session.previews = Previews(session)
         _SESSIONS[viewer] = session
+        warn_of_binding()
     return session

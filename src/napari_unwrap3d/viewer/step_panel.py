@@ -27,6 +27,7 @@ from qtpy.QtWidgets import (
 from ..errors import Unwrap3DError
 from ..parameters import Parameters
 from ..unwrapping.histograms import sphere_histograms, uv_histograms
+from .connections import end_with_dock
 from .forms import ParametersForm
 from .progress_bar import ProgressBar
 from .session import Session, session_of
@@ -318,6 +319,7 @@ class StepDock(QWidget):
         layout.addWidget(self.chooser)
         layout.addWidget(scrolling(content), 1)
         self.setMinimumWidth(WIDTH)
+        end_with_dock(self)
 
 
 def scrolling(content: QWidget) -> QScrollArea:

@@ -20,9 +20,10 @@ from ..errors import Unwrap3DError
 from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
+from .connections import end_with_dock
 from .left_behind import LeftBehind
 from .progress_bar import ProgressBar
-from .project import autosave_of, open_project, saving
+from .project import autosave_of, open_project, saving_task
 from .session import session_of
 from .source_chooser import SourceChooser
 from .step_panel import WIDTH, StepPanel, scrolling
@@ -63,6 +64,7 @@ class Wizard(QWidget):
         self._arrange()
         self._connect()
         self._on_running(self.session.running)
+        end_with_dock(self)
 
     # Building ----------------------------------------------------------------
 
@@ -225,7 +227,7 @@ class Wizard(QWidget):
         """Save the cell and what the window looks like in a thread; errors become notifications."""
         if self.session.atlas is None:
             return
-        self._saving = Task(saving(self.session, self.viewer, path))
+        self._saving = saving_task(self.viewer, path)
         self._saving.returned.connect(self._on_saved)
         self._saving.failed.connect(self._on_not_saved)
         self._saving.start()
@@ -249,15 +251,12 @@ class Wizard(QWidget):
 
     def _on_saved(self, path: Path) -> None:
         self._saving = None
-        self.session.project_path = path
-        autosave_of(self.viewer).saved(path)
         self._say(f"Saved {path}.")
         self._on_steps()
 
-    def _on_not_saved(self, error: BaseException) -> None:
+    def _on_not_saved(self, _: BaseException) -> None:
         self._saving = None
         self._say("")
-        tell(error)
         self._on_steps()
 
 
