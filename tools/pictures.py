@@ -1,4 +1,4 @@
-"""Pictures of the window for the README and docs/: a sample cell, and the mouse and buttons of a person.
+"""Pictures of the window for the README and docs/, made by using it on a sample cell.
 
 Every step is done through what a person sees: menus' commands, buttons, docks and canvases. A step
 that does not happen within its time, and an error that a person would be told, end the script.
@@ -27,6 +27,9 @@ GAP = 6
 RUN_S, STEP_S = 1800.0, 180.0
 # A drag is this many moves of the mouse, so that a line is drawn and not dots.
 MOVES = 24
+# In the uv image of the cell with blebs, as shares of the canvas.
+BLEBS, POINT = ((0.726, 0.43), (0.62, 0.43)), (0.66, 0.56)
+BOTTOM_UM = 2.0
 
 
 class Person:
@@ -116,14 +119,15 @@ class Person:
         from qtpy.QtCore import QPoint, Qt
         from qtpy.QtTest import QTest
 
+        assert button.isVisible(), f"“{button.text()}” cannot be seen"
         assert button.isEnabled(), f"“{button.text()}” cannot be pressed"
-        self._bring_into_view(button)
+        self.bring_into_view(button)
         # Beside the middle: a tick box reacts to its own width only.
         place = QPoint(min(10, button.width() // 2), button.height() // 2)
         QTest.mouseClick(button, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, place)
         self.rest(0.1)
 
-    def _bring_into_view(self, widget: Any) -> None:
+    def bring_into_view(self, widget: Any) -> None:
         from qtpy.QtWidgets import QScrollArea
 
         parent = widget.parentWidget()
@@ -141,6 +145,15 @@ class Person:
         """Point at a share (x, y) of a canvas."""
         self._move(native, place, pressed=False)
         self.rest(0.2)
+
+    def tap(self, native: Any, place: tuple[float, float]) -> None:
+        """Click a share (x, y) of a canvas."""
+        from qtpy.QtCore import Qt
+        from qtpy.QtTest import QTest
+
+        self.hover(native, place)
+        QTest.mouseClick(native, Qt.MouseButton.LeftButton, pos=_point(native, place))
+        self.rest(0.3)
 
     def drag(self, native: Any, places: Iterable[tuple[float, float]]) -> None:
         """Press, move along shares (x, y) of a canvas, and release."""
@@ -194,7 +207,7 @@ class Person:
     def save(self, name: str, picture: Image.Image | None = None) -> None:
         """Write a picture, of the whole window by default."""
         found = self.picture() if picture is None else picture
-        found = found.quantize(COLOURS, Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE)
+        found = found.quantize(palette=palette(found), dither=Image.Dither.NONE)
         path = self.folder / f"{name}.png"
         found.save(path, optimize=True)
         print(f"{path.name}: {found.width} × {found.height}, {path.stat().st_size // 1000} kB")
@@ -204,6 +217,17 @@ def _point(native: Any, place: tuple[float, float]) -> Any:
     from qtpy.QtCore import QPoint
 
     return QPoint(round(place[0] * native.width()), round(place[1] * native.height()))
+
+
+def palette(picture: Image.Image) -> Image.Image:
+    """The colours to keep: a small green mark counts as well as a large grey ground."""
+    pixels = np.asarray(picture).reshape(-1, 3)
+    coarse = pixels >> 2
+    _, first, count = np.unique(
+        coarse @ np.array([1, 64, 4096]), return_index=True, return_counts=True
+    )
+    weighed = np.repeat(pixels[first], np.ceil(count**0.25).astype(int), axis=0)
+    return Image.fromarray(weighed[None]).quantize(COLOURS, Image.Quantize.MEDIANCUT)
 
 
 def _along(corners: list[tuple[float, float]], count: int) -> Iterator[tuple[float, float]]:
@@ -308,6 +332,10 @@ def draw(person: Person) -> None:
     _, person.dock = person.viewer.window.add_plugin_dock_widget(PLUGIN, "Annotations")
     person.rest()
     annotating = person.dock.annotating
+    while annotating.names:
+        person.click(person.dock.list.delete_button)
+    for name in list(annotating.annotations.points.positions):
+        annotating.annotations.points.remove(name)
     person.dock.list.name_box.setEditText("protrusion")
     person.click(person.dock.list.add_button)
     person.wait(lambda: annotating.layers.layer("protrusion", "uv"), "a layer to draw on")
@@ -315,17 +343,33 @@ def draw(person: Person) -> None:
     surface = person.viewer.layers["surface"]
     person.wait(lambda: annotating.painter.ready(surface), "the brush of the surface")
     person.settle()
-    person.press("brush")
-    person.drag(person.second, circle(0.42, 0.5, 0.05, 0.14))
-    person.press("fill")
-    person.drag(person.second, [(0.42, 0.5), (0.42, 0.5)])
-    person.dock.label_box.setValue(2)
-    person.press("brush")
-    person.drag(person.second, [(0.56, 0.62), (0.6, 0.68), (0.64, 0.62)])
+    for label, place in enumerate(BLEBS, start=1):
+        person.dock.label_box.setValue(label)
+        person.press("brush")
+        person.drag(person.second, circle(*place, 0.05, 0.12))
+        person.press("fill")
+        person.tap(person.second, place)
     assert set(np.unique(annotating.annotations.labels("protrusion"))) == {0, 1, 2}
+    person.press("point")
+    person.tap(person.second, POINT)
+    assert len(annotating.annotations.points.positions) == 1
+    look_at(person, "protrusion")
+    person.press("brush")
+    person.hover(person.second, BLEBS[0])
     person.settle()
     person.save("draw")
     person.press("look")
+    person.hover(person.second, (0.01, 0.01))
+
+
+def look_at(person: Person, name: str) -> None:
+    """Turn the cell so that an annotation is in front."""
+    atlas = person.dock.annotating.atlas
+    drawn = person.dock.annotating.annotations.labels(name) > 0
+    outwards = atlas.surface.vertices[drawn].mean(axis=0) - atlas.surface.vertices.mean(axis=0)
+    up = np.cross(np.cross(outwards, (0.0, -1.0, 0.0)), outwards)
+    person.viewer.scene.camera.set_view_direction(tuple(-outwards), tuple(up))
+    person.click(person.shown.fit_button)
 
 
 def carried(person: Person) -> None:
@@ -389,15 +433,19 @@ def regions(person: Person) -> None:
     person.click(person.dock.list.add_button)
     person.dock.label_box.setValue(1)
     person.rest()
+    low = float(person.dock.annotating.atlas.surface.vertices[:, 0].min())
+    person.dock.regions.side_box.setCurrentText("up to here")
+    person.dock.regions.position.setValue(low + BOTTOM_UM)
     person.click(person.dock.regions.add_button)
     assert person.dock.annotating.annotations.labels("cell bottom").any()
     person.click(person.dock.measures.plane_button)
     person.wait(lambda: "normal" in person.dock.measures.result.text(), "the plane")
     person.rest(1.5)
     _show_alone(person, "surface")
-    person.viewer.scene.camera.angles = (0.0, -60.0, 90.0)
+    # From the side: z points down, as in the stack.
+    person.viewer.scene.camera.set_view_direction((0.25, 0.9, 0.35), (-1.0, 0.25, 0.0))
     person.click(person.shown.fit_button)
-    person._bring_into_view(person.dock.measures)
+    person.bring_into_view(person.dock.measures.result)
     person.save("plane")
 
 

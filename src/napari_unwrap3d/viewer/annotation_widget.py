@@ -29,6 +29,7 @@ from .annotating import LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
+from .docking import Docked
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ WIDTH = 320
 TOOLS_PER_ROW = 3
 
 
-class AnnotationWidget(QWidget):
+class AnnotationWidget(Docked):
     """The dock widget. Closing it loses nothing.
 
     Parameters

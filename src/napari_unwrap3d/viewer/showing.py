@@ -164,6 +164,14 @@ def fit_visible(viewer: Any) -> None:
     camera.zoom = (1 - MARGIN) * float((np.asarray(viewer.canvas.size) / size).min())
 
 
+def show_cell(viewer: Any) -> None:
+    """Fit the view, and select the surface: its controls are of use, those of the source not."""
+    fit_visible(viewer)
+    surface = next((each for each in viewer.layers if _layer_name(each) == "surface"), None)
+    if surface is not None:
+        viewer.layers.selection.active = surface
+
+
 def _is_shown(layer: Layer) -> bool:
     return bool(layer.visible) and layer.ndim >= len(SPACE)
 

@@ -28,6 +28,7 @@ from qtpy.QtWidgets import (
 from ..errors import Unwrap3DError
 from ..parameters import Parameters
 from ..unwrapping.histograms import sphere_histograms, uv_histograms
+from .docking import Docked
 from .forms import ParametersForm
 from .session import Session, session_of
 from .source_chooser import SourceChooser
@@ -299,7 +300,7 @@ class StepPanel(QFrame):
         super().mousePressEvent(event)
 
 
-class StepDock(QWidget):
+class StepDock(Docked):
     """A dock widget with the panel of one step, for those who want that step only."""
 
     step = "stack"
