@@ -22,7 +22,8 @@ from PIL import Image
 PLUGIN = "napari-unwrap3d"
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
 SMALL, LARGE = (1400, 900), (1920, 1080)
-COLOURS = 256
+# Of a picture: all, and those that are kept as they are.
+COLOURS, EXACT = 256, 32
 GAP = 6
 RUN_S, STEP_S = 1800.0, 180.0
 # A drag is this many moves of the mouse, so that a line is drawn and not dots.
@@ -74,6 +75,11 @@ class Person:
 
     def settle(self) -> None:
         """Until nothing is computed any more and everything is drawn."""
+        from napari_unwrap3d.viewer.canvas import open_canvas
+
+        if open_canvas(self.viewer) is None:
+            self.rest()
+            return
         self.wait(lambda: not self.canvas.colouring.busy, "colours")
         self.wait(lambda: self.canvas.cursor.ready, "the linked cursor")
         self.wait(lambda: not self.canvas.requested.running, "a chart on request")
@@ -206,6 +212,7 @@ class Person:
 
     def save(self, name: str, picture: Image.Image | None = None) -> None:
         """Write a picture, of the whole window by default."""
+        self.settle()
         found = self.picture() if picture is None else picture
         found = found.quantize(palette=palette(found), dither=Image.Dither.NONE)
         path = self.folder / f"{name}.png"
@@ -220,14 +227,19 @@ def _point(native: Any, place: tuple[float, float]) -> Any:
 
 
 def palette(picture: Image.Image) -> Image.Image:
-    """The colours to keep: a small green mark counts as well as a large grey ground."""
+    """The colours to keep: the commonest as they are, and a small green mark as well."""
     pixels = np.asarray(picture).reshape(-1, 3)
     coarse = pixels >> 2
     _, first, count = np.unique(
         coarse @ np.array([1, 64, 4096]), return_index=True, return_counts=True
     )
-    weighed = np.repeat(pixels[first], np.ceil(count**0.25).astype(int), axis=0)
-    return Image.fromarray(weighed[None]).quantize(COLOURS, Image.Quantize.MEDIANCUT)
+    weighed = np.repeat(pixels[first], np.ceil(count**0.4).astype(int), axis=0)
+    exact, often = np.unique(pixels, axis=0, return_counts=True)
+    exact = exact[np.argsort(-often)[:EXACT]]
+    rest = Image.fromarray(weighed[None]).quantize(COLOURS - EXACT, Image.Quantize.MEDIANCUT)
+    found = Image.new("P", (1, 1))
+    found.putpalette([*exact.ravel().tolist(), *(rest.getpalette() or [])][: 3 * COLOURS])
+    return found
 
 
 def _along(corners: list[tuple[float, float]], count: int) -> Iterator[tuple[float, float]]:

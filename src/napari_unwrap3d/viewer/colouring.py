@@ -419,7 +419,8 @@ class ColouringBar(QWidget):
             self._update()
 
     def _on_working(self, working: bool) -> None:
-        self.busy.setText("computing …" if working else "")
+        self.busy.setText("…" if working else "")
+        self.busy.setToolTip("The values are being computed." if working else "")
 
 
 def _limit_box(tip: str) -> QLineEdit:
