@@ -365,6 +365,7 @@ def draw(person: Person) -> None:
     person.press("point")
     person.tap(person.second, POINT)
     assert len(annotating.annotations.points.positions) == 1
+    person.click(person.shown.buttons["sphere"])
     look_at(person, "protrusion")
     person.press("brush")
     person.hover(person.second, BLEBS[0])
@@ -374,11 +375,12 @@ def draw(person: Person) -> None:
     person.hover(person.second, (0.01, 0.01))
 
 
-def look_at(person: Person, name: str) -> None:
-    """Turn the cell so that an annotation is in front."""
-    atlas = person.dock.annotating.atlas
-    drawn = person.dock.annotating.annotations.labels(name) > 0
-    outwards = atlas.surface.vertices[drawn].mean(axis=0) - atlas.surface.vertices.mean(axis=0)
+def look_at(person: Person, name: str, chart: str = "surface") -> None:
+    """Turn a mesh so that an annotation is in front."""
+    annotating = person.dock.annotating
+    vertices = getattr(annotating.atlas, chart).vertices
+    drawn = np.asarray(annotating.annotations.image(name, chart)) > 0
+    outwards = vertices[drawn].mean(axis=0) - vertices.mean(axis=0)
     up = np.cross(np.cross(outwards, (0.0, -1.0, 0.0)), outwards)
     person.viewer.scene.camera.set_view_direction(tuple(-outwards), tuple(up))
     person.click(person.shown.fit_button)
@@ -393,9 +395,11 @@ def carried(person: Person) -> None:
     pictures.append(person.picture(person.second))
     for name in ("surface", "sphere"):
         _show_alone(person, name)
+        look_at(person, "protrusion", name)
         pictures.append(person.picture(person.main))
     person.save("carried", beside(pictures, 2))
     _show_alone(person, "surface")
+    look_at(person, "protrusion")
     person.click(person.canvas.chart_buttons["uv"])
 
 

@@ -57,7 +57,7 @@ class MeasuresBox(QGroupBox):
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setToolTip("Areas and means are free of the distortion of the images.")
         self.table.verticalHeader().hide()
-        self.table.setFixedHeight(ROWS_SHOWN * (self.table.fontMetrics().height() + 10))
+        self.table.setFixedHeight((ROWS_SHOWN + 2) * (self.table.fontMetrics().height() + 10))
         self.export_button = QPushButton("Export …")
         self.export_button.setToolTip(
             "Label images of every chart, labels per vertex, and tables, into a folder."
@@ -210,7 +210,7 @@ def _meaning(column: str) -> str:
 
 def _item(value: Any) -> QTableWidgetItem:
     number = isinstance(value, int | float)
-    item = QTableWidgetItem(f"{value:.4g}" if isinstance(value, float) else str(value))
+    item = QTableWidgetItem(f"{value:.3g}" if isinstance(value, float) else str(value))
     if number:
         item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
     return item
