@@ -1,7 +1,7 @@
 # Every target does its own set-up (.venv and system libraries); a second run reuses it.
 # ARGS go to the command: make test ARGS="tests/geometry -x"
 
-.PHONY: demo test test-pyside6 lint bench setup clean
+.PHONY: demo test test-pyside6 lint bench pictures setup clean
 
 test: setup
 	@tools/test.sh $(ARGS)
@@ -17,6 +17,9 @@ lint: setup
 
 bench: setup
 	@tools/bench.sh $(ARGS)
+
+pictures: setup
+	@tools/pictures.sh $(ARGS)
 
 setup:
 	@tools/setup.sh

@@ -29,3 +29,14 @@ def test_means_are_those_of_the_quality(small_atlas: Atlas) -> None:
     assert of_sphere["q"].mean == pytest.approx(small_atlas.quality["sphere"]["mean_q"])
     of_uv = uv_histograms(small_atlas.uv)
     assert of_uv["q"].mean == pytest.approx(small_atlas.quality["uv"]["mean_q"])
+
+
+def test_many_values_of_little_weight_do_not_widen_the_range() -> None:
+    rng = np.random.default_rng(0)
+    values = np.r_[rng.normal(0, 1, 1000), np.linspace(50, 100, 200)]
+    weights = np.r_[np.ones(1000), np.full(200, 1e-3)]
+    found = histogram(values, weights)
+    assert found.edges[-1] < 5
+    assert found.edges[0] > -5
+    assert found.shares.sum() == pytest.approx(1)
+    assert found.mean == pytest.approx(values @ weights / weights.sum())

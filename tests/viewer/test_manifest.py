@@ -7,6 +7,7 @@ from pathlib import Path
 
 import npe2
 import pytest
+from napari._app_model.constants._menus import is_menu_contributable
 from npe2 import PluginManager
 
 from napari_unwrap3d import simulate
@@ -31,6 +32,14 @@ def test_every_command_can_be_imported(manifest: npe2.PluginManifest) -> None:
     for command in commands:
         module, name = str(command.python_name).split(":")
         assert callable(getattr(importlib.import_module(module), name))
+
+
+def test_the_menus_lead_to_our_docks(manifest: npe2.PluginManifest) -> None:
+    docks = {widget.command for widget in manifest.contributions.widgets or ()}
+    assert manifest.contributions.menus
+    for menu, items in manifest.contributions.menus.items():
+        assert is_menu_contributable(menu)
+        assert {item.command for item in items} <= docks
 
 
 def test_every_kind_of_cell_is_a_sample(manifest: npe2.PluginManifest) -> None:

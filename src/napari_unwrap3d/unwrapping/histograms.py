@@ -11,6 +11,7 @@ from ..geometry.distortion import area_distortion, conformal_error
 from ..geometry.mesh import face_areas
 
 BINS = 40
+TAILS = (0.005, 0.995)
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +45,13 @@ def _histograms(log_lambda: Floats, q: Floats, weights: Floats) -> dict[str, His
 
 
 def histogram(values: Floats, weights: Floats, bins: int = BINS) -> Histogram:
-    """A weighted histogram from the 0.5th to the 99.5th percentile; the rest counts at the ends."""
+    """A weighted histogram from the 0.5th to the 99.5th percentile; the rest counts at the ends.
+
+    The percentiles are of the weight: the many small pixels at the poles are few there.
+    """
     known = np.isfinite(values) & (weights > 0)
     values, weights = values[known].astype(float), weights[known].astype(float)
-    low, high = np.percentile(values, (0.5, 99.5)) if len(values) else (0.0, 1.0)
+    low, high = _percentiles(values, weights) if len(values) else (0.0, 1.0)
     if high - low < 1e-6:
         low, high = low - 0.5e-3, high + 0.5e-3
     edges = np.linspace(low, high, bins + 1)
@@ -55,3 +59,10 @@ def histogram(values: Floats, weights: Floats, bins: int = BINS) -> Histogram:
     shares, _ = np.histogram(np.clip(values, low, high), edges, weights=weights / total)
     mean = float(values @ weights / total) if len(values) else float("nan")
     return Histogram(shares, edges, mean)
+
+
+def _percentiles(values: Floats, weights: Floats) -> tuple[float, float]:
+    order = np.argsort(values)
+    reached = np.cumsum(weights[order])
+    low, high = np.searchsorted(reached, np.multiply(reached[-1], TAILS))
+    return float(values[order[low]]), float(values[order[high]])

@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 DELAY_MS = 400
 ROWS_SHOWN = 5
 NORMAL_SHARE = 0.4
-TITLES = {"annotation": "Annotation", "label": "Label", "area_um2": "Area (µm²)"}
+ARROW = 8.0
+TITLES = {"annotation": "Annotation", "label": "Label", "area_um2": "Area\n(µm²)"}
+# Endings of the names of fields → what stands in brackets below.
+UNITS = {"_per_um": "1/µm", "_um2": "µm²", "_um": "µm"}
 
 
 class MeasuresBox(QGroupBox):
@@ -54,7 +57,7 @@ class MeasuresBox(QGroupBox):
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setToolTip("Areas and means are free of the distortion of the images.")
         self.table.verticalHeader().hide()
-        self.table.setFixedHeight(ROWS_SHOWN * (self.table.fontMetrics().height() + 10))
+        self.table.setFixedHeight((ROWS_SHOWN + 2) * (self.table.fontMetrics().height() + 10))
         self.export_button = QPushButton("Export …")
         self.export_button.setToolTip(
             "Label images of every chart, labels per vertex, and tables, into a folder."
@@ -108,10 +111,12 @@ class MeasuresBox(QGroupBox):
         self.table.setHorizontalHeaderLabels(
             [TITLES.get(key) or _mean_title(key) for key in columns]
         )
+        for place, key in enumerate(columns):
+            self.table.horizontalHeaderItem(place).setToolTip(_meaning(key))
         self.table.setRowCount(len(rows))
         for line, row in enumerate(rows):
             for place, key in enumerate(columns):
-                self.table.setItem(line, place, QTableWidgetItem(_text(row[key])))
+                self.table.setItem(line, place, _item(row[key]))
         self.table.resizeColumnsToContents()
 
     def _on_failed(self, error: BaseException) -> None:
@@ -177,7 +182,7 @@ class MeasuresBox(QGroupBox):
             translate=surface[0].translate if surface else (0.0, 0.0, 0.0),
             units=(UNIT,) * 3,
             axis_labels=SPACE,
-            edge_width=length / 25,
+            edge_width=length / ARROW,
             edge_color="#ffd54f",
             vector_style="arrow",
             metadata={KEY: {"layer": name, "chart": "", "field": ""}},
@@ -189,8 +194,23 @@ def _export(annotations: Annotations, folder: str | Path) -> list[Path]:
 
 
 def _mean_title(column: str) -> str:
-    return f"mean of {column.removeprefix('mean_').replace('_', ' ')}"
+    """The name of a field in two or three short lines, the unit in the last."""
+    name, unit = column.removeprefix("mean_"), ""
+    ending = next((ending for ending in UNITS if name.endswith(ending)), "")
+    if ending:
+        name, unit = name.removesuffix(ending), f"\n({UNITS[ending]})"
+    first, *rest = name.replace("_", " ").capitalize().split()
+    return "\n".join([first, *([" ".join(rest)] if rest else [])]) + unit
 
 
-def _text(value: Any) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def _meaning(column: str) -> str:
+    mean = column.startswith("mean_")
+    return "The mean over the label, every place weighed by its area." if mean else ""
+
+
+def _item(value: Any) -> QTableWidgetItem:
+    number = isinstance(value, int | float)
+    item = QTableWidgetItem(f"{value:.3g}" if isinstance(value, float) else str(value))
+    if number:
+        item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
+    return item

@@ -30,6 +30,7 @@ from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
 from .connections import end_with_dock
+from .docking import Docked
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ WIDTH = 320
 TOOLS_PER_ROW = 3
 
 
-class AnnotationWidget(QWidget):
+class AnnotationWidget(Docked):
     """The dock widget. Closing it loses nothing.
 
     Parameters

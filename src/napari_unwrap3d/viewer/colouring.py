@@ -15,6 +15,7 @@ from qtpy.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QLineEdit,
+    QSizePolicy,
     QWidget,
 )
 
@@ -34,9 +35,10 @@ if TYPE_CHECKING:
 
 COLORMAPS = ("coolwarm", "viridis", "magma", "gray", "inferno", "plasma", "turbo", "PiYG")
 IMAGES = ("uv", "direct", "plane")
-BAR = (96, 12)
-ICON = QSize(40, 12)
+BAR = (72, 12)
+ICON = QSize(32, 12)
 LIMIT_WIDTH = 58
+FIELD_WIDTH = 360
 
 
 class Colouring(QObject):
@@ -329,6 +331,8 @@ class ColouringBar(QWidget):
         self.field_box = QComboBox()
         self.field_box.setToolTip("Colours the 3D view and this one alike.")
         self.field_box.setMinimumContentsLength(18)
+        self.field_box.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.field_box.setMaximumWidth(FIELD_WIDTH)
         self.colormap_box = QComboBox()
         self.colormap_box.setIconSize(ICON)
         for name in COLORMAPS:
@@ -355,8 +359,8 @@ class ColouringBar(QWidget):
             self.reset_button,
             self.busy,
         ):
-            row.addWidget(widget)
-        row.addStretch(1)
+            row.addWidget(widget, 1 if widget is self.field_box else 0)
+        row.addStretch(0)
 
     def _add_colormap(self, name: str) -> None:
         """A colormap is its picture; there is no room for its name."""
@@ -370,6 +374,8 @@ class ColouringBar(QWidget):
         if fields is not None:
             for name in fields.names:
                 self.field_box.addItem(fields.field(name).title, name)
+            # A long name is cut off in the box, never in the list.
+            self.field_box.view().setMinimumWidth(self.field_box.view().sizeHintForColumn(0) + 30)
         self.setEnabled(fields is not None)
         self._update()
 
@@ -413,7 +419,8 @@ class ColouringBar(QWidget):
             self._update()
 
     def _on_working(self, working: bool) -> None:
-        self.busy.setText("computing …" if working else "")
+        self.busy.setText("…" if working else "")
+        self.busy.setToolTip("The values are being computed." if working else "")
 
 
 def _limit_box(tip: str) -> QLineEdit:

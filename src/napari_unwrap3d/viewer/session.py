@@ -25,7 +25,7 @@ from .keeping import keeping
 from .layers import LayerData, atlas_charts, split_layers
 from .placing import chart_of, placing, remove_charts
 from .previews import Previews
-from .showing import fit_visible, hide_sources
+from .showing import fit_visible, hide_sources, show_cell
 from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 from .step_states import (
     DONE,
@@ -489,7 +489,7 @@ class Session(QObject):
         self._update_states()
         viewer = self._viewer()
         if self._fit_at_end and viewer is not None:
-            fit_visible(viewer)
+            show_cell(viewer)
         self.finished.emit(atlas)
 
     def _fail(self, error: BaseException) -> None:

@@ -32,6 +32,8 @@ SWITCHES = {
     "topographic surface": ("Topography", "The surface over the (u, v) plane: height is d."),
 }
 CELL = ("surface", "sealed surface")
+# Marks on the cell, sealed or not: the parts that were closed, and the points.
+ON_CELL = ("sealed places", "points")
 ALONE = "Double-click: show it alone."
 
 
@@ -80,9 +82,8 @@ class ShownBar(QWidget):
         for layer in self.layers(name):
             layer.visible = shown
         if name in CELL:
-            # What was sealed is marked on the cell, sealed or not.
             on = any(layer.visible for each in CELL for layer in self.layers(each))
-            for layer in self.layers("sealed places"):
+            for layer in [layer for each in ON_CELL for layer in self.layers(each)]:
                 layer.visible = on
 
     def show_alone(self, name: str) -> None:
@@ -162,6 +163,14 @@ def fit_visible(viewer: Any) -> None:
         size, center[0] = (high - low)[1:], 0.0
     camera.center = tuple(center)
     camera.zoom = (1 - MARGIN) * float((np.asarray(viewer.canvas.size) / size).min())
+
+
+def show_cell(viewer: Any) -> None:
+    """Fit the view, and select the surface: its controls are of use, those of the source not."""
+    fit_visible(viewer)
+    surface = next((each for each in viewer.layers if _layer_name(each) == "surface"), None)
+    if surface is not None:
+        viewer.layers.selection.active = surface
 
 
 def _is_shown(layer: Layer) -> bool:

@@ -28,6 +28,7 @@ from ..errors import Unwrap3DError
 from ..parameters import Parameters
 from ..unwrapping.histograms import sphere_histograms, uv_histograms
 from .connections import end_with_dock
+from .docking import Docked
 from .forms import ParametersForm
 from .progress_bar import ProgressBar
 from .session import Session, session_of
@@ -300,7 +301,7 @@ class StepPanel(QFrame):
         super().mousePressEvent(event)
 
 
-class StepDock(QWidget):
+class StepDock(Docked):
     """A dock widget with the panel of one step, for those who want that step only."""
 
     step = "stack"

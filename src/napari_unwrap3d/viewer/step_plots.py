@@ -189,4 +189,4 @@ class DistortionPlot(Plot):
             axes.axvline(found.mean, color=CHOSEN, linewidth=1)
             axes.set_yticks([])
             axes.locator_params(axis="x", nbins=4)
-            self.style(axes, colours, f"{title}, mean {found.mean:.3g}")
+            self.style(axes, colours, f"{title}, mean {round(found.mean, 3) + 0.0:.3f}")

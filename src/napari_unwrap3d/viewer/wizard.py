@@ -21,6 +21,7 @@ from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
 from .connections import end_with_dock
+from .docking import Docked
 from .left_behind import LeftBehind
 from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
@@ -40,7 +41,7 @@ NAME = "Unwrap"
 FILES = f"unwrap3d project (*{SUFFIX})"
 
 
-class Wizard(QWidget):
+class Wizard(Docked):
     """Runs the pipeline on a layer, step by step or all at once.
 
     Parameters
@@ -212,7 +213,8 @@ class Wizard(QWidget):
     def _on_finished(self, atlas: Atlas) -> None:
         seconds = sum(step.seconds or 0.0 for step in self.session.steps.values())
         repairs = atlas.provenance.get("repairs", [])
-        self._say("\n".join([f"Done in {seconds:.1f} s.", *repairs]))
+        done = f"Done in {seconds:.1f} s."
+        self._say("\n".join([done, f"Repaired: {'; '.join(repairs)}."]) if repairs else done)
 
     def _on_stopped(self, reason: str) -> None:
         self._say(reason)
