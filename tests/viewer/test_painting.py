@@ -114,6 +114,14 @@ def _move(native: Any, point: QPoint, keys: Any) -> None:
     QApplication.sendEvent(native, event)
 
 
+def _hover(native: Any, point: QPoint) -> None:
+    place, screen = QPointF(point), QPointF(native.mapToGlobal(point))
+    none = Qt.MouseButton.NoButton
+    QApplication.sendEvent(
+        native, QMouseEvent(QEvent.Type.MouseMove, place, screen, none, none, NONE)
+    )
+
+
 @pytest.fixture(scope="module")
 def direct_atlas(small_atlas: Any) -> Any:
     """The small cell with its direct chart, as small as the uv image."""
@@ -256,6 +264,52 @@ def test_lasso_eraser_and_shift(hand: Hand) -> None:
     hand.choose("lasso", label=2)
     hand.drag(hand.main, ring, keys=Qt.KeyboardModifier.ShiftModifier)
     assert not hand.labels().any()
+
+
+def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
+    circle, model = hand.annotating.painter.circle, hand.viewer
+    middle, beside = (
+        QPoint(hand.main.width() * x // 100, hand.main.height() // 2) for x in (50, 2)
+    )
+
+    def point_at(place: QPoint) -> None:
+        """Twice, as vispy leaves out events that follow each other too quickly."""
+        before = tuple(model.cursor.position)
+
+        def moved() -> bool:
+            _hover(hand.main, place)
+            return tuple(model.cursor.position) != before
+
+        hand.qtbot.waitUntil(moved)
+
+    point_at(middle)
+    assert not len(circle.segments)
+    hand.choose("brush")
+    hand.widget.radius_box.setValue(0.5)
+    hit = hand.annotating.painter.pick(model.cursor.position, model.cursor._view_direction)
+    corners = circle.segments[:, 0] - hand.viewer.layers["surface"].translate
+    np.testing.assert_allclose(np.linalg.norm(corners - hit.point, axis=1), 0.5, atol=1e-6)
+    point_at(beside)
+    assert not len(circle.segments)
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    marked = hand.atlas.surface.vertices[hand.labels() == 1]
+    centre = circle.segments[:, 0].mean(axis=0) - hand.viewer.layers["surface"].translate
+    assert np.linalg.norm(marked - centre, axis=1).min() < 0.5
+    hand.choose("look")
+    assert not len(circle.segments)
+
+
+def test_a_lasso_on_the_reference_marks_columns(hand: Hand) -> None:
+    hand.viewer.layers["surface"].visible = False
+    hand.viewer.layers["reference"].visible = True
+    hand.choose("lasso", label=2)
+    reference = hand.viewer.layers["reference"]
+    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
+    turn = np.linspace(0, 2 * np.pi, 12)
+    hand.drag(hand.main, [(0.5 + 0.05 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn])
+    assert (hand.uv.data == 2).sum() > 10
+    assert (hand.labels() == 2).any()
+    assert (covered(hand, "reference", 2) == (hand.uv.data == 2)).all()
 
 
 def test_painting_on_the_reference_marks_the_column(hand: Hand) -> None:

@@ -16,6 +16,7 @@ from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
 from ..errors import Unwrap3DError
+from .arrows import AxisArrow
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, POINT, TOOLS, SurfacePainter
@@ -99,6 +100,7 @@ class Annotating(QObject):
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
         self.points = PointLayers(viewer, self)
+        self.axis_arrow = AxisArrow(viewer, self)
         for key, what in KEYS.items():
             viewer.bind_key(key, self._undo if what == "undo" else self._redo, overwrite=True)
 
@@ -141,6 +143,7 @@ class Annotating(QObject):
         self.layers.show(annotations, watching)
         self.shapes.show(annotations)
         self.points.show(annotations)
+        self.axis_arrow.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
@@ -183,6 +186,7 @@ class Annotating(QObject):
         self.layers.leave()
         self.shapes.leave()
         self.points.leave()
+        self.axis_arrow.leave()
         self.painter.forget()
 
     def close(self) -> None:

@@ -26,6 +26,8 @@ NAME = "points"
 SURFACE = "surface"
 SIZE_SHARE = 0.03
 PIXELS = 9.0
+# Beside the marker: on it, it could not be read.
+TEXT = {"string": "   {name}", "size": 10, "color": "white", "anchor": "upper_left"}
 
 
 class PointLayers(QObject):
@@ -139,7 +141,7 @@ class PointLayers(QObject):
             name=NAME,
             axis_labels=axes,
             features={"name": np.zeros(0, dtype=object)},
-            text={"string": "  {name}", "size": 10, "color": "white", "anchor": "lower_left"},
+            text=TEXT,
             face_color="#ffee58",
             border_color="black",
             metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
