@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from napari_unwrap3d.annotations import Annotations, Change, Shape, history
 from napari_unwrap3d.annotations.history import STEPS_KEPT
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.errors import ParameterError
-from napari_unwrap3d.errors import AxesError
+from napari_unwrap3d.errors import AxesError, ParameterError
 from synthetic import make_atlas
 
 WATCHED = ("uv", "direct", "plane", "topography", "volume", "reference", "sphere", "surface")

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
+from qtpy.QtGui import QEnterEvent
 from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.viewer.annotation_widget import (
     NO_ANNOTATION,
@@ -160,7 +162,13 @@ def test_a_box_is_previewed_added_and_follows_its_form(opened: Any) -> None:
         corners = regions.preview.segments.reshape(-1, 3) - translate
         return corners.min(axis=0), corners.max(axis=0)
 
+    # The pointer may happen to be in the form.
+    QApplication.sendEvent(regions, QEvent(QEvent.Type.Leave))
     assert not len(regions.preview.segments)
+    middle = QPointF(regions.rect().center())
+    QApplication.sendEvent(regions, QEnterEvent(middle, middle, middle))
+    low, _ = box_seen()
+    assert low[0] == pytest.approx(regions.position.value())
     regions.kind_box.setCurrentText("box")
     low, high = box_seen()
     # Its spin boxes have two decimals.
@@ -179,7 +187,6 @@ def test_a_box_is_previewed_added_and_follows_its_form(opened: Any) -> None:
     assert (
         (annotations.labels(name) == 1) == ((vertices >= low) & (vertices <= high)).all(1)
     ).all()
-    QTest.mouseMove(regions.add_button)
     widget.tools["brush"].click()
     assert not len(regions.preview.segments)
     regions.remove_button.click()

@@ -146,6 +146,7 @@ class Annotating(QObject):
         self.axis_arrow.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
+        annotations.turned.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
         self._radius_um = float(f"{RADIUS_SHARE * size:.2g}")
         self._on_listed()
@@ -168,6 +169,9 @@ class Annotating(QObject):
             canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
             self.points.use_canvas(canvas)
+            for key, what in KEYS.items():
+                undoes = self._undo if what == "undo" else self._redo
+                canvas.model.bind_key(key, undoes, overwrite=True)
 
     def _on_session(self, _: Any = None) -> None:
         assert self._session is not None
@@ -179,6 +183,7 @@ class Annotating(QObject):
         if self._annotations is not None:
             self._annotations.listed.disconnect(self._on_listed)
             self._annotations.changed.disconnect(self._on_changed)
+            self._annotations.turned.disconnect(self._on_changed)
         if self._texturing is not None:
             self._texturing.close()
             self._texturing.deleteLater()
@@ -199,9 +204,11 @@ class Annotating(QObject):
         self.atlas = self._annotations = None
         self.painter.close()
         viewer = self._viewer()
-        if viewer is not None:
-            for key in KEYS:
-                viewer.bind_key(key, None, overwrite=True)
+        models = [] if self._canvas is None else [self._canvas.model]
+        for model in (viewer, *models):
+            if model is not None:
+                for key in KEYS:
+                    model.bind_key(key, None, overwrite=True)
         if self._direct is not None:
             self._direct.wait(CLOSE_SECONDS)
 
