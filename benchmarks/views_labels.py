@@ -156,19 +156,19 @@ def run_case(name: str) -> dict[str, Any]:
 
 
 def entries_of(name: str, found: Any) -> Entries:
-    labels = Bar(CASES[name], "smallest IoU", at_least=True)
+    labels = Bar(CASES[name], "mean IoU", at_least=True)
     names = [f"views/{part}/{name}" for part in ("labels-direct", "sheets", "columns")]
     if isinstance(found, str):
         bars = (labels, SHEETS, COLUMNS)
         return {key: bar.entry(None, note=found) for key, bar in zip(names, bars, strict=True)}
     patches, columns, grid = found["patches"], found["columns"], found["grid"]
     more = {key: patches[key] for key in ("exact", "patches", "vertices")}
-    mean = results.significant(patches["mean_iou"], 6)
+    more["smallest"] = results.significant(patches["iou"])
     return dict(
         zip(
             names,
             (
-                labels.entry(patches["iou"], grid=grid, mean=mean, **more),
+                labels.entry(patches["mean_iou"], grid=grid, **more),
                 SHEETS.entry(patches["mixed"], grid=grid, buried=patches["buried"]),
                 COLUMNS.entry(columns.pop("wrong"), grid=grid, **columns),
             ),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-from qtpy.QtGui import QMouseEvent
+from qtpy.QtGui import QMouseEvent, QWheelEvent
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
@@ -17,6 +17,7 @@ from viewer.opened import SECONDS, open_atlas
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
 MESHES = ("surface", "reference")
+TURNS = 20
 
 
 class Hand:
@@ -72,6 +73,34 @@ class Hand:
         layers = self.annotating.layers
         self.qtbot.waitUntil(lambda: layers.layer("drawn", chart) is not None, timeout=SECONDS)
         return layers.layer("drawn", chart)
+
+    def lay_out(self) -> None:
+        """Let the window find its sizes, and the second canvas fit its image to them."""
+        same, last = 0, None
+        while same < TURNS:
+            QApplication.processEvents()
+            now = self.second.size(), self.canvas._fit_timer.isActive()
+            same, last = (same + 1 if now == last and not now[1] else 0), now
+
+    def zoom_out(self) -> None:
+        """Turn the wheel over the second canvas, so that there is room beside the image."""
+        camera = self.canvas.model.scene.camera
+        before = camera.zoom
+        middle = QPointF(self.second.rect().center())
+        for _ in range(3):
+            event = QWheelEvent(
+                middle,
+                QPointF(self.second.mapToGlobal(middle.toPoint())),
+                QPoint(0, 0),
+                QPoint(0, -120),
+                Qt.MouseButton.NoButton,
+                NONE,
+                Qt.ScrollPhase.NoScrollPhase,
+                False,
+            )
+            QApplication.sendEvent(self.second, event)
+        self.qtbot.waitUntil(lambda: camera.zoom < 0.9 * before)
+        self.lay_out()
 
     def share(self, native: Any, down: float, right: float) -> tuple[float, float]:
         """Where on a canvas in 2D a place is, as shares (x, y)."""

@@ -37,14 +37,14 @@ def undo(hand: Hand, keys: Any = CONTROL) -> None:
 
 @pytest.mark.parametrize("chart", ["uv", "direct", "plane"])
 def test_shapes_are_drawn_edited_and_deleted(hand: Hand, chart: str) -> None:
-    annotations, camera = hand.annotations, hand.canvas.model.scene.camera
+    annotations = hand.annotations
     rows = hand.show(chart).data.shape[0]
     hand.widget.label_box.setValue(3)
     hand.widget.regions.shapes_button.click()
     layer = hand.annotating.shapes.layer("drawn", chart)
     assert hand.canvas.model.layers.selection.active is layer
-    # Room beside the seam.
-    camera.zoom *= 0.7
+    hand.lay_out()
+    hand.zoom_out()
 
     # A box is one step.
     layer.mode = "add_rectangle"

@@ -25,9 +25,13 @@ if TYPE_CHECKING:
 NAME = "points"
 SURFACE = "surface"
 SIZE_SHARE = 0.03
-PIXELS = 9.0
-# Beside the marker: on it, it could not be read.
-TEXT = {"string": "   {name}", "size": 10, "color": "white", "anchor": "upper_left"}
+PIXELS = 12.0
+ROWS = 512
+# Beside the marker, or above it: on it, it could not be read. In 3D napari anchors text in
+# its middle, so that there empty lines below lift it.
+TEXT = {"size": 10, "color": "white"}
+BESIDE = {**TEXT, "string": "   {name}", "anchor": "upper_left"}
+ABOVE = {**TEXT, "string": "{name}\n\n ", "anchor": "center"}
 
 
 class PointLayers(QObject):
@@ -130,7 +134,7 @@ class PointLayers(QObject):
         if viewer is None or atlas is None:
             return
         axes = SPACE if chart == SURFACE else AXES[chart]
-        placed: dict[str, Any] = {"size": PIXELS}
+        placed: dict[str, Any] = {"size": PIXELS * atlas.uv.shape[0] / ROWS}
         if chart == SURFACE:
             surface = [layer for layer in viewer.layers if chart_of(layer) == SURFACE]
             size = SIZE_SHARE * float(np.ptp(atlas.surface.vertices, axis=0).max())
@@ -141,7 +145,7 @@ class PointLayers(QObject):
             name=NAME,
             axis_labels=axes,
             features={"name": np.zeros(0, dtype=object)},
-            text=TEXT,
+            text=ABOVE if chart == SURFACE else BESIDE,
             face_color="#ffee58",
             border_color="black",
             metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
