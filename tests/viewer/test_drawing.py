@@ -70,7 +70,7 @@ def test_a_hidden_layer_shows_what_changed_when_it_is_seen_again(
     layer = drawn_on("uv")
     layer.visible = False
     # As it is before napari has made any slice of it.
-    layer._slice.image.view = np.zeros((1, 1), np.uint8)
+    object.__setattr__(layer._slice.image, "view", np.zeros((1, 1), np.uint8))
     annotations.draw_vertices("drawn", np.arange(500), 5)
     layer.show_changes()
     layer.visible = True

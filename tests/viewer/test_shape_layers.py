@@ -9,7 +9,7 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
-from viewer.hand import LEFT, NONE, Hand
+from viewer.hand import LEFT, NONE, Hand, hover
 
 CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 
@@ -27,6 +27,14 @@ def click(hand: Hand, v: float, u: float) -> None:
     x, y = hand.share(hand.second, v, u)
     place = QPoint(round(x * hand.second.width()), round(y * hand.second.height()))
     QTest.mouseClick(hand.second, LEFT, NONE, place)
+    # The corner that follows the pointer is not one of the polygon's yet.
+    before = tuple(hand.canvas.model.cursor.position)
+
+    def moved() -> bool:
+        hover(hand.second, place + QPoint(5, 5))
+        return tuple(hand.canvas.model.cursor.position) != before
+
+    hand.qtbot.waitUntil(moved)
 
 
 def undo(hand: Hand, keys: Any = CONTROL) -> None:
