@@ -268,8 +268,9 @@ def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: 
 
 
 def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -> None:
-    _, canvas, widget, annotations = opened
+    viewer, canvas, widget, annotations = opened
     annotations.draw_vertices("out of focus", np.arange(300), 3)
+    annotations.axis = (-1.0, 0.0, 0.0)
     session, old = canvas.session, widget.annotating.atlas
     again = type(old)(
         **{name: getattr(old, name) for name in ("surface", "sealed", "reference")},
@@ -283,6 +284,9 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
     session.finished.emit(again)
     qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
     assert again.annotations.names == ("out of focus",)
+    assert again.annotations.axis == (-1.0, 0.0, 0.0)
+    assert "-1.000" in widget.measures.axis_text.text()
+    qtbot.waitUntil(lambda: AXIS in viewer.layers)
     assert (again.annotations.labels("out of focus") == annotations.labels("out of focus")).all()
     layers = widget.annotating.layers
     qtbot.waitUntil(lambda: layers.layer("out of focus", "uv") is not None, timeout=SECONDS)

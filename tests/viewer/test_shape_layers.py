@@ -9,7 +9,7 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
-from viewer.hand import LEFT, NONE, Hand, hover
+from viewer.hand import LEFT, NONE, Hand
 
 CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 
@@ -27,14 +27,6 @@ def click(hand: Hand, v: float, u: float) -> None:
     x, y = hand.share(hand.second, v, u)
     place = QPoint(round(x * hand.second.width()), round(y * hand.second.height()))
     QTest.mouseClick(hand.second, LEFT, NONE, place)
-    # The corner that follows the pointer is not one of the polygon's yet.
-    before = tuple(hand.canvas.model.cursor.position)
-
-    def moved() -> bool:
-        hover(hand.second, place + QPoint(5, 5))
-        return tuple(hand.canvas.model.cursor.position) != before
-
-    hand.qtbot.waitUntil(moved)
 
 
 def undo(hand: Hand, keys: Any = CONTROL) -> None:
@@ -93,7 +85,8 @@ def test_shapes_are_drawn_edited_and_deleted(hand: Hand, chart: str) -> None:
 
     # A polygon over the seam is on both sides of it.
     layer.mode = "add_polygon"
-    for v, u in ((0.4, 1.8), (0.4, 2.2), (0.6, 2.2), (0.6, 1.8)):
+    # The last corner is the one that follows the pointer, which napari takes away.
+    for v, u in ((0.4, 1.8), (0.4, 2.2), (0.6, 2.2), (0.6, 1.8), (0.5, 1.8)):
         click(hand, v * rows, u * rows)
     QTest.keyClick(hand.second, Qt.Key.Key_Escape)
     hand.settle()

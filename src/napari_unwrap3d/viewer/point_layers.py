@@ -29,7 +29,7 @@ PIXELS = 12.0
 ROWS = 512
 # Beside the marker, or above it: on it, it could not be read. In 3D napari anchors text in
 # its middle, so that there empty lines below lift it.
-TEXT = {"size": 10, "color": "white"}
+TEXT = {"size": 10, "color": "white", "blending": "translucent_no_depth"}
 BESIDE = {**TEXT, "string": "   {name}", "anchor": "upper_left"}
 ABOVE = {**TEXT, "string": "{name}\n\n ", "anchor": "center"}
 
