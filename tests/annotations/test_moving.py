@@ -24,6 +24,7 @@ def atlas() -> Atlas:
     atlas.annotations.add_shape("one", Shape("volume", "box", [[2, 2, 2], [5, 9, 9]], 4))
     atlas.annotations.points.set("tip", atlas.surface.vertices[3])
     atlas.annotations.overhang = "outermost"
+    atlas.annotations.axis = (0, 3, 4)
     return atlas
 
 
@@ -36,6 +37,7 @@ def test_on_the_same_charts_nothing_changes(atlas: Atlas) -> None:
     assert (other.labels("one") == one.labels("one")).all()
     assert (other.image("one", "uv") == one.image("one", "uv")).all()
     assert other.overhang == "outermost"
+    assert other.axis == (0.0, 0.6, 0.8)
     assert dict(other.points.positions) == dict(one.points.positions)
     other.draw_vertices("one", [0], 9)
     assert one.labels("one")[0] != 9

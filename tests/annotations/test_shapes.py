@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from skimage.measure import points_in_poly
 
 from napari_unwrap3d.annotations import Annotations, Shape
-from napari_unwrap3d.annotations.shapes import pixels_inside
+from napari_unwrap3d.annotations.shapes import edges_in_space, pixels_inside
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import ChartMissingError, ParameterError
 from synthetic import make_atlas
@@ -210,3 +210,23 @@ def test_points_lie_on_the_surface_and_have_their_place_on_every_chart(atlas: At
     no_points, valid = Annotations(atlas).points.on("uv")
     assert no_points.shape == (0, 2)
     assert valid.shape == (0,)
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_edges_in_space_are_around_what_is_inside(axis: int, side: float) -> None:
+    low, high = np.array([0.0, 1.0, 2.0]), np.array([4.0, 9.0, 6.0])
+    point, inwards = np.zeros(3), np.zeros(3)
+    point[axis], inwards[axis] = low[axis] + 1.0, side
+    edges = edges_in_space(Shape("volume", "half-space", [point, inwards], 1), low, high)
+    corners = np.unique(edges.reshape(-1, 3), axis=0)
+    assert edges.shape == (12, 2, 3)
+    assert len(corners) == 8
+    assert (np.count_nonzero(edges[:, 0] != edges[:, 1], axis=1) == 1).all()
+    assert ((corners - point)[:, axis] * side >= 0).all()
+    others = [k for k in range(3) if k != axis]
+    assert (corners.min(axis=0) < low)[others].all()
+    assert (corners.max(axis=0) > high)[others].all()
+    box = edges_in_space(Shape("volume", "box", [high, low], 1), low, high).reshape(-1, 3)
+    assert (box.min(axis=0) == low).all()
+    assert (box.max(axis=0) == high).all()

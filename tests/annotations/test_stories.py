@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from napari_unwrap3d.annotations import Annotations, Change, Shape, history
 from napari_unwrap3d.annotations.history import STEPS_KEPT
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.errors import AxesError
+from napari_unwrap3d.errors import AxesError, ParameterError
 from synthetic import make_atlas
 
 WATCHED = ("uv", "direct", "plane", "topography", "volume", "reference", "sphere", "surface")
@@ -293,3 +293,20 @@ def test_what_is_no_longer_watched_is_not_told(atlas: Atlas) -> None:
     assert set(values) == {1}
     assert changes[1].vertices.tolist() == [6]
     assert changes[1].labels.tolist() == [2]
+
+
+def test_the_axis_is_a_direction_and_a_step(atlas: Atlas) -> None:
+    annotations, told = Annotations(atlas), []
+    annotations.turned.connect(lambda: told.append(annotations.axis))
+    assert annotations.axis is None
+    annotations.axis = (0.0, 3.0, -4.0)
+    assert annotations.axis == (0.0, 0.6, -0.8)
+    annotations.axis = None
+    annotations.undo()
+    assert annotations.axis == (0.0, 0.6, -0.8)
+    annotations.undo()
+    assert told == [(0.0, 0.6, -0.8), None, (0.0, 0.6, -0.8), None]
+    for bad in ((0, 0, 0), (1, 2), (np.nan, 0, 1), 3.0):
+        with pytest.raises(ParameterError, match="axis"):
+            annotations.axis = bad  # type: ignore[assignment]
+    assert not annotations.can_undo

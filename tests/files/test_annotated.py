@@ -41,6 +41,7 @@ def drawn_on(atlas: Atlas) -> Annotations:
     annotations.set_colours("cell bottom", {1: (1.0, 0.5, 0.0, 1.0)})
     annotations.points.set("tip", [10, 6, 6])
     annotations.overhang = "outermost"
+    annotations.axis = [-1.0, 0.2, 0.1]
     return annotations
 
 
@@ -74,6 +75,7 @@ def atlas(saved: Path) -> Atlas:
 def assert_same(one: Annotations, other: Annotations) -> None:
     assert one.names == other.names
     assert one.overhang == other.overhang
+    assert one.axis == other.axis
     assert dict(one.points.positions) == dict(other.points.positions)
     for name in one.names:
         assert [s.plain() for s in one.shapes(name)] == [s.plain() for s in other.shapes(name)]
@@ -217,6 +219,8 @@ PLACES: list[tuple[Any, ...]] = [
     ("annotations", 0, "shapes", 0, "overhang"),
     ("annotations", 0, "shapes", 0, "vertices", 0),
     ("overhang",),
+    ("axis",),
+    ("axis", 0),
     ("points",),
     ("points", 0, "name"),
     ("points", 0, "position_um"),

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from napari_unwrap3d.geometry.brush import Brush, lasso
+from napari_unwrap3d.geometry.brush import Brush, lasso, ring
 from napari_unwrap3d.geometry.picking import RayPicker
 from synthetic import icosphere
 
@@ -89,3 +89,13 @@ def test_a_lasso_marks_what_is_seen_inside_it(eye):
 def test_a_lasso_of_two_points_marks_nothing():
     picker = RayPicker(*icosphere(2))
     assert len(lasso(picker, [[0, 0, 0], [1, 0, 0]], [[1, 0, 0]] * 2)) == 0
+
+
+@pytest.mark.parametrize("normal", [(0, 0, 2.0), (1, 1, 1), (-0.2, 0, 0.1)])
+def test_a_ring_is_closed_round_and_across_its_direction(normal):
+    centre = np.array([1.0, 2.0, 3.0])
+    segments = ring(centre, np.array(normal, float), 0.7)
+    assert np.allclose(segments[:, 1], np.roll(segments[:, 0], -1, axis=0))
+    away = segments[:, 0] - centre
+    assert np.allclose(np.linalg.norm(away, axis=1), 0.7)
+    assert np.allclose(away @ np.array(normal, float), 0)

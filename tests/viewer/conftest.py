@@ -16,6 +16,7 @@ from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
+from viewer.hand import Hand
 
 EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
 ON_REQUEST_NAMES = tuple(step.name for step in ON_REQUEST)
@@ -156,3 +157,18 @@ def stack() -> np.ndarray:
     z, y, x = np.ogrid[-1:1:16j, -1:1:24j, -1:1:24j]
     noise = np.random.default_rng(0).integers(0, 20, (16, 24, 24))
     return (200 * (z**2 + y**2 + x**2 < 0.5) + noise).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def direct_atlas(small_atlas: Any) -> Any:
+    """The small cell with its direct chart, as small as the uv image."""
+    parameters = small_atlas.parameters
+    coarse = parameters.direct.model_copy(update={"rows": small_atlas.uv.shape[0]})
+    atlas = small_atlas.replaced(parameters=parameters.model_copy(update={"direct": coarse}))
+    assert atlas.direct.shape == atlas.uv.shape
+    return atlas
+
+
+@pytest.fixture
+def hand(make_napari_viewer: Any, direct_atlas: Any, qtbot: Any) -> Hand:
+    return Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot)

@@ -8,8 +8,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from qtpy.QtCore import QPoint, Qt
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
+from qtpy.QtGui import QEnterEvent
 from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.viewer.annotation_widget import (
     NO_ANNOTATION,
@@ -17,6 +19,7 @@ from napari_unwrap3d.viewer.annotation_widget import (
     TOOL_TEXTS,
     AnnotationWidget,
 )
+from napari_unwrap3d.viewer.arrows import AXIS
 from napari_unwrap3d.viewer.computing import Outcome
 from napari_unwrap3d.viewer.layers import COPIES, KEY
 from napari_unwrap3d.viewer.writers import write_surface
@@ -151,6 +154,47 @@ def test_a_half_space_follows_its_form(opened: Any) -> None:
     assert not annotations.labels(name).any()
 
 
+def test_a_box_is_previewed_added_and_follows_its_form(opened: Any) -> None:
+    viewer, _, widget, annotations = opened
+    regions, name = widget.regions, "out of focus"
+    vertices = widget.annotating.atlas.surface.vertices
+    translate = viewer.layers["surface"].translate
+
+    def box_seen() -> Any:
+        corners = regions.preview.segments.reshape(-1, 3) - translate
+        return corners.min(axis=0), corners.max(axis=0)
+
+    # The pointer may happen to be in the form.
+    QApplication.sendEvent(regions, QEvent(QEvent.Type.Leave))
+    assert not len(regions.preview.segments)
+    middle = QPointF(regions.rect().center())
+    QApplication.sendEvent(regions, QEnterEvent(middle, middle, middle))
+    low, _ = box_seen()
+    assert low[0] == pytest.approx(regions.position.value())
+    regions.kind_box.setCurrentText("box")
+    low, high = box_seen()
+    # Its spin boxes have two decimals.
+    assert np.abs(low - vertices.min(axis=0)).max() < 0.01
+    assert not annotations.labels(name).any()
+    regions.corners[1][2].setValue(float(vertices[:, 2].mean()))
+    low, high = box_seen()
+    assert high[2] == pytest.approx(vertices[:, 2].mean(), abs=0.01)
+    regions.add_button.click()
+    inside = ((vertices >= low) & (vertices <= high)).all(axis=1)
+    assert 0 < inside.sum() < len(vertices) / 2
+    assert ((annotations.labels(name) == 1) == inside).all()
+    regions.corners[1][0].setValue(float(vertices[:, 0].mean()))
+    assert len(annotations.shapes(name, "volume")) == 1
+    low, high = box_seen()
+    assert (
+        (annotations.labels(name) == 1) == ((vertices >= low) & (vertices <= high)).all(1)
+    ).all()
+    widget.tools["brush"].click()
+    assert not len(regions.preview.segments)
+    regions.remove_button.click()
+    assert not annotations.labels(name).any()
+
+
 def test_a_label_is_measured_fitted_and_exported(
     opened: Any, qtbot: Any, tmp_path: Path, errors: list[str]
 ) -> None:
@@ -167,6 +211,23 @@ def test_a_label_is_measured_fitted_and_exported(
     normal = viewer.layers[f"normal of {name}"].data[0, 1]
     assert abs(normal[0]) > 0.9 * np.linalg.norm(normal)
     assert normal[0] < 0
+    # The normal becomes the axis, which is a step of its own to undo.
+    assert not measures.axis_text.text()
+    measures.axis_button.click()
+    np.testing.assert_allclose(annotations.axis, normal / np.linalg.norm(normal))
+    assert "0." in measures.axis_text.text()
+    qtbot.waitUntil(lambda: AXIS in viewer.layers)
+    np.testing.assert_allclose(np.cross(viewer.layers[AXIS].data[0, 1], normal), 0, atol=1e-5)
+    measures.clear_button.click()
+    qtbot.waitUntil(lambda: AXIS not in viewer.layers)
+    assert annotations.axis is None
+    assert not measures.axis_text.text()
+    widget.undo_button.click()
+    assert annotations.axis is not None
+    assert measures.axis_text.text()
+    titles = [measures.table.horizontalHeaderItem(k) for k in range(measures.table.columnCount())]
+    assert all(len(item.text()) < 20 for item in titles)
+    assert any("µm" in item.text() and "weighted by area" in item.toolTip() for item in titles[3:])
     measures.export(tmp_path / "out")
     qtbot.waitUntil(lambda: measures._exporting is None, timeout=SECONDS)
     assert (tmp_path / "out" / "labels.csv").exists()
@@ -209,8 +270,9 @@ def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: 
 
 
 def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -> None:
-    _, canvas, widget, annotations = opened
+    viewer, canvas, widget, annotations = opened
     annotations.draw_vertices("out of focus", np.arange(300), 3)
+    annotations.axis = (-1.0, 0.0, 0.0)
     session, old = canvas.session, widget.annotating.atlas
     again = type(old)(
         **{name: getattr(old, name) for name in ("sealed", "reference", "sphere")},
@@ -223,6 +285,9 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
     session.later(session._end(Outcome(atlas=again)))
     qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
     assert again.annotations.names == ("out of focus",)
+    assert again.annotations.axis == (-1.0, 0.0, 0.0)
+    assert "-1.000" in widget.measures.axis_text.text()
+    qtbot.waitUntil(lambda: AXIS in viewer.layers)
     assert (again.annotations.labels("out of focus") == annotations.labels("out of focus")).all()
     layers = widget.annotating.layers
     qtbot.waitUntil(lambda: layers.layer("out of focus", "uv") is not None, timeout=SECONDS)

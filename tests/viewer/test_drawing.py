@@ -64,6 +64,20 @@ def test_what_others_draw_is_shown_in_the_next_turn(
     assert (annotations.labels("drawn") == 5).sum() == 500
 
 
+def test_a_hidden_layer_shows_what_changed_when_it_is_seen_again(
+    annotations: Any, drawn_on: Any
+) -> None:
+    layer = drawn_on("uv")
+    layer.visible = False
+    # As it is before napari has made any slice of it.
+    object.__setattr__(layer._slice.image, "view", np.zeros((1, 1), np.uint8))
+    annotations.draw_vertices("drawn", np.arange(500), 5)
+    layer.show_changes()
+    layer.visible = True
+    assert layer.data.any()
+    assert (annotations.image("drawn", "uv") == layer.data).all()
+
+
 def test_a_block_is_one_step_and_undo_is_everybodys(
     annotations: Any, drawn_on: Any, qtbot: Any
 ) -> None:

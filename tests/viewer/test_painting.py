@@ -2,143 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from typing import Any
-
 import numpy as np
 import pytest
-from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-from qtpy.QtGui import QMouseEvent
+from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
-from qtpy.QtWidgets import QApplication
 
-from napari_unwrap3d.textured import COVER
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
-from viewer.opened import SECONDS, open_atlas
-
-LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
-MESHES = ("surface", "reference")
-
-
-class Hand:
-    """A window with the small cell and an annotation, and a mouse."""
-
-    def __init__(self, viewer: Any, atlas: Any, qtbot: Any) -> None:
-        self.viewer, self.atlas, self.qtbot = viewer, atlas, qtbot
-        self.canvas = open_atlas(viewer, atlas, qtbot, names=(*MESHES, "uv", "topography"))
-        self.widget = AnnotationWidget(viewer)
-        viewer.window.add_dock_widget(self.widget, name="Annotations")
-        self.annotating = self.widget.annotating
-        self.annotations = atlas.annotations
-        self.widget.list.name_box.setEditText("drawn")
-        self.widget.list.add_button.click()
-        for name in MESHES:
-            viewer.layers[name].visible = name == "surface"
-        qtbot.waitUntil(self._ready, timeout=SECONDS)
-
-    def _ready(self) -> bool:
-        return (
-            self.annotating.layers.layer("drawn", "uv") is not None
-            and self.annotating.painter.ready(self.viewer.layers["surface"])
-            and all(self.texture(name) is not None for name in MESHES)
-        )
-
-    def texture(self, name: str) -> Any:
-        return self.annotating.texturing.texture_of(self.viewer.layers[name])
-
-    @property
-    def main(self) -> Any:
-        return self.viewer.window._qt_viewer.canvas.native
-
-    @property
-    def second(self) -> Any:
-        return self.canvas.qt_viewer.canvas.native
-
-    @property
-    def uv(self) -> Any:
-        return self.annotating.layers.layer("drawn", "uv")
-
-    def labels(self) -> Any:
-        return np.array(self.annotations.labels("drawn"))
-
-    def choose(self, tool: str, label: int = 1) -> None:
-        self.widget.label_box.setValue(label)
-        self.widget.tools[tool].click()
-
-    def look_at(self, point: Any, outwards: Any) -> None:
-        """Turn the main view so that a point of the surface is in its middle, up close."""
-        camera = self.viewer.scene.camera
-        camera.center = tuple(point)
-        helper = np.eye(3)[np.abs(outwards).argmin()]
-        up = np.cross(outwards, helper)
-        camera.set_view_direction(tuple(-np.asarray(outwards)), tuple(up))
-        camera.zoom = 60.0
-
-    def drag(self, native: Any, places: Iterable[tuple[float, float]], keys: Any = NONE) -> None:
-        """Press, move and release at shares (x, y) of a canvas."""
-        model = self.viewer if native is self.main else self.canvas.model
-        points = [QPoint(round(x * native.width()), round(y * native.height())) for x, y in places]
-        QTest.mousePress(native, LEFT, keys, points[0])
-        for point in points[1:]:
-            before = tuple(model.cursor.position)
-
-            def moved(point: QPoint = point, before: Any = before) -> bool:
-                """vispy leaves out events that follow each other too quickly."""
-                if tuple(model.cursor.position) == before:
-                    _move(native, point, keys)
-                return tuple(model.cursor.position) != before
-
-            self.qtbot.waitUntil(moved)
-        QTest.mouseRelease(native, LEFT, keys, points[-1])
-        self.settle()
-
-    def settle(self) -> None:
-        """Let what was drawn arrive everywhere."""
-        for layer in self.annotating.layers._layers.values():
-            self.qtbot.waitUntil(lambda layer=layer: not layer._pending)
-        painter = self.annotating.painter
-        self.qtbot.waitUntil(lambda: painter._lassoing is None, timeout=SECONDS)
-        timer = self.annotating.texturing._timer
-        self.qtbot.waitUntil(lambda: not timer.isActive())
-
-
-def _move(native: Any, point: QPoint, keys: Any) -> None:
-    event = QMouseEvent(
-        QEvent.Type.MouseMove,
-        QPointF(point),
-        QPointF(native.mapToGlobal(point)),
-        Qt.MouseButton.NoButton,
-        LEFT,
-        keys,
-    )
-    QApplication.sendEvent(native, event)
-
-
-@pytest.fixture(scope="module")
-def direct_atlas(small_atlas: Any) -> Any:
-    """The small cell with its direct chart, as small as the uv image."""
-    parameters = small_atlas.parameters
-    coarse = parameters.direct.model_copy(update={"rows": small_atlas.uv.shape[0]})
-    atlas = small_atlas.replaced(parameters=parameters.model_copy(update={"direct": coarse}))
-    assert atlas.direct.shape == atlas.uv.shape
-    return atlas
-
-
-@pytest.fixture
-def hand(make_napari_viewer: Any, direct_atlas: Any, qtbot: Any) -> Hand:
-    return Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot)
-
-
-def covered(hand: Hand, name: str, label: int = 1) -> Any:
-    """Which pixels of a layer's texture have the colour of a label, over the field."""
-    texture = hand.texture(name)
-    skin, base = texture._skin, texture._base.reshape(*texture._skin.covered.shape, 3)
-    colour = np.array(hand.annotating.style("drawn")[0][label][:3])
-    expected = base + COVER * (255 * colour - base)
-    shown = texture.pixels[:, : 2 * skin.rows].astype(float)
-    changed = np.abs(shown - base).max(axis=2) > 1
-    assert (np.abs(shown - expected).max(axis=2)[changed] <= 1).all()
-    return changed
+from viewer.hand import LEFT, NONE, Hand, covered, hover
+from viewer.opened import SECONDS
 
 
 def test_what_is_drawn_in_uv_is_on_the_meshes(hand: Hand) -> None:
@@ -168,12 +38,16 @@ def test_one_stroke_is_one_step_in_every_view(hand: Hand) -> None:
     hand.settle()
     assert (hand.labels() == first).all()
     assert (hand.annotations.image("drawn", "uv") == hand.uv.data).all()
-    hand.widget.undo_button.click()
+    # In the second canvas, where the Labels layer is active: one step, not two.
+    assert hand.canvas.model.layers.selection.active is hand.uv
+    QTest.keyClick(hand.second, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
     hand.settle()
     assert not hand.labels().any()
     assert not hand.uv.data.any()
     assert not covered(hand, "surface").any()
-    hand.widget.redo_button.click()
+    assert hand.annotations.names == ("drawn",)
+    both = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
+    QTest.keyClick(hand.second, Qt.Key.Key_Z, both)
     hand.settle()
     assert (hand.labels() == first).all()
     assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
@@ -256,6 +130,52 @@ def test_lasso_eraser_and_shift(hand: Hand) -> None:
     hand.choose("lasso", label=2)
     hand.drag(hand.main, ring, keys=Qt.KeyboardModifier.ShiftModifier)
     assert not hand.labels().any()
+
+
+def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
+    circle, model = hand.annotating.painter.circle, hand.viewer
+    middle, beside = (
+        QPoint(hand.main.width() * x // 100, hand.main.height() // 2) for x in (50, 2)
+    )
+
+    def point_at(place: QPoint) -> None:
+        """Twice, as vispy leaves out events that follow each other too quickly."""
+        before = tuple(model.cursor.position)
+
+        def moved() -> bool:
+            hover(hand.main, place)
+            return tuple(model.cursor.position) != before
+
+        hand.qtbot.waitUntil(moved)
+
+    point_at(middle)
+    assert not len(circle.segments)
+    hand.choose("brush")
+    hand.widget.radius_box.setValue(0.5)
+    hit = hand.annotating.painter.pick(model.cursor.position, model.cursor._view_direction)
+    corners = circle.segments[:, 0] - hand.viewer.layers["surface"].translate
+    np.testing.assert_allclose(np.linalg.norm(corners - hit.point, axis=1), 0.5, atol=1e-6)
+    point_at(beside)
+    assert not len(circle.segments)
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    marked = hand.atlas.surface.vertices[hand.labels() == 1]
+    centre = circle.segments[:, 0].mean(axis=0) - hand.viewer.layers["surface"].translate
+    assert np.linalg.norm(marked - centre, axis=1).min() < 0.5
+    hand.choose("look")
+    assert not len(circle.segments)
+
+
+def test_a_lasso_on_the_reference_marks_columns(hand: Hand) -> None:
+    hand.viewer.layers["surface"].visible = False
+    hand.viewer.layers["reference"].visible = True
+    hand.choose("lasso", label=2)
+    reference = hand.viewer.layers["reference"]
+    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
+    turn = np.linspace(0, 2 * np.pi, 12)
+    hand.drag(hand.main, [(0.5 + 0.05 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn])
+    assert (hand.uv.data == 2).sum() > 10
+    assert (hand.labels() == 2).any()
+    assert (covered(hand, "reference", 2) == (hand.uv.data == 2)).all()
 
 
 def test_painting_on_the_reference_marks_the_column(hand: Hand) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.viewer.showing import ShownBar
+from viewer.hand import Hand
 from viewer.opened import open_atlas
 from viewer.rendering import BACKGROUND, alike, assert_looks_like, picture
 
@@ -50,3 +51,35 @@ def test_meshes_are_lit_from_the_front(
             mesh = np.abs(drawn - BACKGROUND).max(axis=2) > 100
             # White all over: what is dark is in the shade.
             assert drawn[mesh].mean() > 80, (name, angles)
+
+
+def test_an_annotation_is_seen_in_three_views(
+    make_napari_viewer: Any, qtbot: Any, direct_atlas: Atlas
+) -> None:
+    hand = Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot, ("uv", "direct"))
+    away = hand.atlas.surface.vertices - hand.atlas.surface.vertices.mean(axis=0)
+    plain = {chart: _seen(hand, chart) for chart in ("surface", "uv", "direct")}
+    # The upper half of a cap has another label: a mirror image is another picture.
+    cap = away @ np.array([-0.3, 0.5, -0.8]) > 0.75 * np.linalg.norm(away, axis=1)
+    for label, chosen in ((1, cap & (away[:, 0] < 0)), (2, cap & (away[:, 0] >= 0))):
+        hand.annotations.draw_vertices("drawn", np.flatnonzero(chosen), label)
+    for chart, before in plain.items():
+        drawn = _seen(hand, chart)
+        assert not alike(drawn, before), chart
+        assert_looks_like(drawn, f"annotation_{chart}")
+        assert not alike(drawn, drawn[:, ::-1])
+    hand.annotations.undo()
+    hand.annotations.undo()
+    for chart, before in plain.items():
+        assert alike(_seen(hand, chart), before), chart
+
+
+def _seen(hand: Hand, chart: str) -> Any:
+    if chart == "surface":
+        hand.viewer.scene.camera.angles = (60, -70, 60)
+        hand.viewer.window._qt_window.findChild(ShownBar).show_alone("surface")
+        hand.settle()
+        return picture(hand.viewer.window._qt_viewer, (64, 64))
+    hand.show(chart)
+    hand.settle()
+    return picture(hand.canvas.qt_viewer)

@@ -14,15 +14,15 @@ import numpy.typing as npt
 from psygnal import Signal
 
 from ..charts import Ints
-from ..errors import AxesError, ParameterError
+from ..errors import ParameterError
 from .annotation import Annotation, Cover, Layer, checked_colours
 from .charts import ON_UV
 from .edits import Delta, Dirty, Painting, Setting
 from .history import Edit, History
-from .lookup import Labels, Owners
+from .lookup import Labels, Owners, flat_indices
 from .points import Points
 from .shapes import Overhang, Shape, check_label, checked_overhang
-from .state import Colour, Drawn, State, moved
+from .state import Colour, Drawn, Position, State, checked_axis, moved
 from .tables import NOTHING, Tables
 
 if TYPE_CHECKING:
@@ -76,17 +76,21 @@ class Annotations:
         Named points on the surface.
     shaped : Signal (str)
         After the shapes of an annotation, of that name, changed.
+    turned : Signal
+        After :attr:`axis` changed.
     """
 
     changed = Signal(Change)
     listed = Signal()
     shaped = Signal(str)
+    turned = Signal()
 
     def __init__(self, atlas: Atlas) -> None:
         self._atlas = atlas
         self._size = len(atlas.surface.vertices)
         self._all: dict[str, Annotation] = {}
         self._overhang: Overhang = "column"
+        self._axis: Position | None = None
         self._watched: list[str] = []
         self.tables = Tables(atlas)
         self._dirty = Dirty()
@@ -234,7 +238,7 @@ class Annotations:
         AxesError, ParameterError
             Pixels lie outside of the image, or labels out of their range.
         """
-        flat = _flat(indices, self.shape(chart))
+        flat = flat_indices(indices, self.shape(chart))
         values = np.asarray(label)
         with self.stroke():
             for value in np.unique(values):
@@ -249,7 +253,7 @@ class Annotations:
 
     def draw_vertices(self, name: str, vertices: npt.ArrayLike, label: int) -> None:
         """Draw a label at exactly these vertices of the surface; 0 erases."""
-        chosen = np.unique(_flat((vertices,), (self._size,)))
+        chosen = np.unique(flat_indices((vertices,), (self._size,)))
         self._paint(self._annotation(name), chosen, check_label(label))
 
     def _paint(
@@ -364,6 +368,24 @@ class Annotations:
         """Whether there is a stroke that was taken back."""
         return self._history.can_redo
 
+    # The axis ----------------------------------------------------------------------
+
+    @property
+    def axis(self) -> Position | None:
+        """The axis of lateral speeds, a unit vector (z, y, x), e.g. a fitted plane's normal.
+
+        None as long as nobody chose one; setting it is a step to undo.
+        """
+        return self._axis
+
+    @axis.setter
+    def axis(self, direction: npt.ArrayLike | None) -> None:
+        self._do(Setting(self._put_axis, self._axis, checked_axis(direction)))
+
+    def _put_axis(self, axis: Position | None) -> None:
+        self._axis = axis
+        self.turned.emit()
+
     # As plain data -----------------------------------------------------------------
 
     def state(self) -> State:
@@ -375,7 +397,7 @@ class Annotations:
                 image = part.image.painted.reshape(self._atlas.uv.shape).copy()
             labels = part.surface.painted.copy()
             drawn.append(Drawn(name, labels, image, part.shapes, dict(part.colours)))
-        return State(tuple(drawn), dict(self.points.positions), self._overhang)
+        return State(tuple(drawn), dict(self.points.positions), self._overhang, self._axis)
 
     def restore(self, state: State) -> None:
         """Put a state in the place of everything; nothing before can be undone any more."""
@@ -391,6 +413,7 @@ class Annotations:
                 self._put_shapes(annotation, part.shapes)
         self.overhang = state.overhang
         self.points.replace(state.points)
+        self._put_axis(state.axis)
         self._history.clear()
         self._settle()
 
@@ -461,24 +484,3 @@ def checked_name(name: str) -> str:
     if not isinstance(name, str) or not name.strip() or len(name) > LONGEST_NAME:
         raise ParameterError(f"A name has 1 to {LONGEST_NAME} characters, not {name!r:.200}.")
     return name
-
-
-def _flat(indices: tuple[npt.ArrayLike, ...], shape: tuple[int, ...]) -> Ints:
-    """Flat indices of pixels.
-
-    Raises
-    ------
-    AxesError
-        They are of another number of axes, or lie outside of the image.
-    """
-    arrays = tuple(np.atleast_1d(np.asarray(axis)) for axis in indices)
-    if len(arrays) != len(shape) or any(axis.dtype.kind not in "iu" for axis in arrays):
-        raise AxesError(
-            "Pixels are given by one array of whole numbers per axis.",
-            axes=len(arrays),
-            expected=len(shape),
-        )
-    try:
-        return np.asarray(np.ravel_multi_index(arrays, shape), np.int64).ravel()
-    except ValueError as error:
-        raise AxesError(f"Pixels lie outside of the image: {error}.", shape=shape) from error

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Ints
+from ..errors import AxesError
 
 Index = npt.NDArray[np.int32]
 Labels = npt.NDArray[np.uint16]
@@ -149,3 +150,24 @@ class Owners:
             return np.asarray(pixels, np.int64)
         rank = self._places.rank(pixels)
         return rank[rank >= 0]
+
+
+def flat_indices(indices: tuple[npt.ArrayLike, ...], shape: tuple[int, ...]) -> Ints:
+    """Flat indices of pixels.
+
+    Raises
+    ------
+    AxesError
+        They are of another number of axes, or lie outside of the image.
+    """
+    arrays = tuple(np.atleast_1d(np.asarray(axis)) for axis in indices)
+    if len(arrays) != len(shape) or any(axis.dtype.kind not in "iu" for axis in arrays):
+        raise AxesError(
+            "Pixels are given by one array of whole numbers per axis.",
+            axes=len(arrays),
+            expected=len(shape),
+        )
+    try:
+        return np.asarray(np.ravel_multi_index(arrays, shape), np.int64).ravel()
+    except ValueError as error:
+        raise AxesError(f"Pixels lie outside of the image: {error}.", shape=shape) from error

@@ -19,6 +19,7 @@ SPACE_KINDS = ("box", "half-space")
 FLAT_CHARTS = ("uv", "direct", "plane")
 LARGEST_LABEL = 65535
 ELLIPSE_CORNERS = 256
+BESIDE = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -196,3 +197,29 @@ def vertices_inside(shape: Shape, vertices: Floats) -> Ints:
     else:
         inside = (vertices - first) @ second >= 0
     return np.flatnonzero(inside)
+
+
+def edges_in_space(shape: Shape, low: Floats, high: Floats) -> Floats:
+    """The edges (12, 2, 3) of a box; of a half-space those of its part of a cell's box.
+
+    Parameters
+    ----------
+    shape : Shape
+        A box, or a half-space along one of the axes.
+    low, high : ndarray, (3,)
+        Corners of the cell's box, in µm; the edges of a half-space lie a little outside it.
+    """
+    corners = np.sort(shape.vertices, axis=0)
+    if shape.kind == "half-space":
+        point, inwards = shape.vertices
+        axis, room = int(np.abs(inwards).argmax()), BESIDE * float((high - low).max())
+        corners = np.stack([low - room, high + room])
+        corners[0 if inwards[axis] > 0 else 1, axis] = point[axis]
+    ends = []
+    for axis in range(3):
+        others = [k for k in range(3) if k != axis]
+        for sides in ((0, 0), (0, 1), (1, 0), (1, 1)):
+            edge = corners.copy()
+            edge[:, others] = [corners[side, k] for side, k in zip(sides, others, strict=True)]
+            ends.append(edge)
+    return np.array(ends)

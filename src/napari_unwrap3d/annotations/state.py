@@ -7,7 +7,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from ..errors import ParameterError
 from .charts import nearest_corners
 from .lookup import Labels
 from .shapes import Overhang, Shape
@@ -53,11 +55,34 @@ class State:
         In µm.
     overhang : str
         "column" or "outermost".
+    axis : (z, y, x) or None
+        The axis of lateral speeds, a unit vector.
     """
 
     drawn: tuple[Drawn, ...] = ()
     points: Mapping[str, Position] = field(default_factory=dict)
     overhang: Overhang = "column"
+    axis: Position | None = None
+
+
+def checked_axis(direction: npt.ArrayLike | None) -> Position | None:
+    """A direction as a unit vector; None stays None.
+
+    Raises
+    ------
+    ParameterError
+        It is no direction (z, y, x).
+    """
+    if direction is None:
+        return None
+    vector = np.asarray(direction, dtype=np.float64)
+    length = float(np.linalg.norm(vector)) if vector.shape == (3,) else 0.0
+    if not np.isfinite(length) or length <= 0:
+        raise ParameterError("An axis has three components (z, y, x), and not only zeros.")
+    if abs(length - 1.0) > 1e-12:  # else it comes back from a file as it was
+        vector = vector / length
+    z, y, x = vector.tolist()
+    return z, y, x
 
 
 def moved(annotations: Annotations, atlas: Atlas) -> State:
@@ -90,7 +115,7 @@ def moved(annotations: Annotations, atlas: Atlas) -> State:
                 part.colours,
             )
         )
-    return State(tuple(drawn), state.points, state.overhang)
+    return State(tuple(drawn), state.points, state.overhang, state.axis)
 
 
 # What a chart's pixels depend on.

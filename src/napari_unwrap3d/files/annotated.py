@@ -2,8 +2,9 @@
 
 Layout of the group ``annotations``::
 
-    attributes     type, overhang, points (name, position_um) and annotations: for each
-                   its name, colours, shapes, and whether it has an image of uv (JSON)
+    attributes     type, overhang, axis (z, y, x, or null), points (name, position_um) and
+                   annotations: for each its name, colours, shapes, and whether it has an
+                   image of uv (JSON)
     labels_0, labels_1, ...    (n,) uint16, painted, per vertex of the surface
     image_0, ...               (N, 2N) uint16, painted in uv
 """
@@ -19,7 +20,7 @@ import numpy as np
 from ..annotations.annotation import checked_colours
 from ..annotations.annotations import Annotations, checked_name
 from ..annotations.shapes import Shape, check_reach, checked_overhang
-from ..annotations.state import Drawn, State
+from ..annotations.state import Drawn, State, checked_axis
 from ..errors import FileFormatError, InputError, ParameterError
 from ..progress import Progress
 from .arrays import read_array, write_array
@@ -59,6 +60,7 @@ def write_annotations(root: zarr.Group, state: State, report: Progress) -> None:
     attributes = {
         "type": GROUP,
         "overhang": state.overhang,
+        "axis": None if state.axis is None else list(state.axis),
         "points": [{"name": n, "position_um": list(p)} for n, p in state.points.items()],
         "annotations": [
             {
@@ -108,7 +110,8 @@ def read_annotations(group: Any, charts: Mapping[str, Any], report: Progress) ->
             checked_name(point["name"]): _position(point["position_um"])
             for point in attributes["points"]
         }
-        return State(tuple(drawn), points, checked_overhang(attributes["overhang"]))
+        overhang = checked_overhang(attributes["overhang"])
+        return State(tuple(drawn), points, overhang, checked_axis(attributes.get("axis")))
     except ParameterError as error:
         raise FileFormatError(f"Its annotations are damaged: {error}") from error
 

@@ -16,6 +16,7 @@ Ints = npt.NDArray[np.int64]
 # A path along edges is longer than the straight one: by up to 15 % on a mesh of equilateral
 # triangles, 41 % on one of right ones. What is farther is on another fold of the surface.
 DETOUR = 1.45
+RING_SIDES = 64
 # Lines of sight that differ by less run side by side.
 PARALLEL = 1e-9
 
@@ -79,6 +80,18 @@ class Brush:
             self._marked,
         )
         return np.sort(found)
+
+
+def ring(centre: Floats, normal: Floats, radius: float) -> Floats:
+    """A circle (k, 2, 3) of straight segments around a point (3,), across a direction (3,)."""
+    helper = np.eye(3)[np.abs(normal).argmin()]
+    one = np.cross(normal, helper)
+    one /= np.linalg.norm(one)
+    other = np.cross(normal, one)
+    other /= np.linalg.norm(other)
+    turn = np.linspace(0.0, 2.0 * np.pi, RING_SIDES + 1)[:, None]
+    corners = centre + radius * (np.cos(turn) * one + np.sin(turn) * other)
+    return np.stack([corners[:-1], corners[1:]], axis=1)
 
 
 @numba.njit(nogil=True, cache=True)

@@ -16,6 +16,7 @@ from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
 from ..errors import Unwrap3DError
+from .arrows import AxisArrow
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, POINT, TOOLS, SurfacePainter
@@ -99,6 +100,7 @@ class Annotating(QObject):
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
         self.points = PointLayers(viewer, self)
+        self.axis_arrow = AxisArrow(viewer, self)
         for key, what in KEYS.items():
             viewer.bind_key(key, self._undo if what == "undo" else self._redo, overwrite=True)
 
@@ -141,8 +143,10 @@ class Annotating(QObject):
         self.layers.show(annotations, watching)
         self.shapes.show(annotations)
         self.points.show(annotations)
+        self.axis_arrow.show(annotations)
         annotations.listed.connect(self._on_listed)
         annotations.changed.connect(self._on_changed)
+        annotations.turned.connect(self._on_changed)
         size = np.ptp(atlas.surface.vertices, axis=0).max()
         self._radius_um = float(f"{RADIUS_SHARE * size:.2g}")
         self._on_listed()
@@ -165,6 +169,9 @@ class Annotating(QObject):
             canvas.requested.changed.connect(self._on_requested)
             self.layers.use_canvas(canvas)
             self.points.use_canvas(canvas)
+            for key, what in KEYS.items():
+                undoes = self._undo if what == "undo" else self._redo
+                canvas.model.bind_key(key, undoes, overwrite=True)
 
     def _on_session(self, _: Any = None) -> None:
         assert self._session is not None
@@ -176,6 +183,7 @@ class Annotating(QObject):
         if self._annotations is not None:
             self._annotations.listed.disconnect(self._on_listed)
             self._annotations.changed.disconnect(self._on_changed)
+            self._annotations.turned.disconnect(self._on_changed)
         if self._texturing is not None:
             self._texturing.close()
             self._texturing.deleteLater()
@@ -183,6 +191,7 @@ class Annotating(QObject):
         self.layers.leave()
         self.shapes.leave()
         self.points.leave()
+        self.axis_arrow.leave()
         self.painter.forget()
 
     def close(self) -> None:
@@ -195,9 +204,11 @@ class Annotating(QObject):
         self.atlas = self._annotations = None
         self.painter.close()
         viewer = self._viewer()
-        if viewer is not None:
-            for key in KEYS:
-                viewer.bind_key(key, None, overwrite=True)
+        models = [] if self._canvas is None else [self._canvas.model]
+        for model in (viewer, *models):
+            if model is not None:
+                for key in KEYS:
+                    model.bind_key(key, None, overwrite=True)
         if self._direct is not None:
             self._direct.wait(CLOSE_SECONDS)
 

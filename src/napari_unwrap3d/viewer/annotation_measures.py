@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,8 +23,7 @@ from qtpy.QtWidgets import (
 from ..annotations import Annotations, fit_plane, label_rows
 from ..errors import Unwrap3DError
 from ..files.annotation_export import export_annotations
-from .layers import KEY, SPACE, UNIT
-from .placing import chart_of
+from .arrows import LENGTH_SHARE, direction_text, show_arrow
 from .threads import Task, tell
 
 if TYPE_CHECKING:
@@ -33,8 +31,7 @@ if TYPE_CHECKING:
 
 DELAY_MS = 400
 ROWS_SHOWN = 5
-NORMAL_SHARE = 0.4
-ARROW = 8.0
+AXIS_TEXT = "Axis of lateral speeds:"
 TITLES = {"annotation": "Annotation", "label": "Label", "area_um2": "Area\n(µm²)"}
 # Endings of the names of fields → what stands in brackets below.
 UNITS = {"_per_um": "1/µm", "_um2": "µm²", "_um": "µm"}
@@ -53,6 +50,7 @@ class MeasuresBox(QGroupBox):
         self._annotating = annotating
         self._task: Task | None = None
         self._exporting: Task | None = None
+        self._normal: tuple[float, float, float] | None = None
         self.table = QTableWidget()
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setToolTip("Areas and means are free of the distortion of the images.")
@@ -66,22 +64,37 @@ class MeasuresBox(QGroupBox):
         self.plane_button.setToolTip(
             "Fit a plane to the current label, e.g. of “cell bottom”, and show its normal."
         )
+        self.axis_button = QPushButton("Use as axis")
+        self.axis_button.setToolTip(
+            "Keep the plane's normal with the cell, as the axis of lateral speeds."
+        )
+        self.axis_button.setEnabled(False)
+        self.clear_button = QPushButton("No axis")
+        self.clear_button.setToolTip("Take the axis of lateral speeds away.")
+        self.axis_text = QLabel()
+        self.axis_text.setWordWrap(True)
         self.result = QLabel()
         self.result.setWordWrap(True)
         self.result.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
         buttons = QHBoxLayout()
         buttons.addWidget(self.export_button)
         buttons.addWidget(self.plane_button)
+        buttons.addWidget(self.axis_button)
         column = QVBoxLayout(self)
         column.addWidget(self.table)
         column.addLayout(buttons)
         column.addWidget(self.result)
+        column.addWidget(self.axis_text)
+        column.addWidget(self.clear_button)
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(DELAY_MS)
         self._timer.timeout.connect(self.measure)
         self.export_button.clicked.connect(self._on_export)
         self.plane_button.clicked.connect(self.fit)
+        self.axis_button.clicked.connect(self.use_axis)
+        self.clear_button.clicked.connect(self._on_clear_axis)
+        annotating.edited.connect(self._update_axis)
         annotating.edited.connect(self._timer.start)
         annotating.listed.connect(self._on_listed)
         self._on_listed()
@@ -90,6 +103,9 @@ class MeasuresBox(QGroupBox):
         drawn = bool(self._annotating.names)
         self.setEnabled(drawn)
         self.result.setText("")
+        self._normal = None
+        self.axis_button.setEnabled(False)
+        self._update_axis()
         self._timer.start()
 
     # The table -----------------------------------------------------------------------
@@ -158,35 +174,36 @@ class MeasuresBox(QGroupBox):
         except Unwrap3DError as error:
             tell(error)
             return
-        z, y, x = plane.normal
+        self._normal = plane.normal
+        self.axis_button.setEnabled(True)
         self.result.setText(
-            f"Plane of “{name}”, label {label}: normal (z, y, x) = ({z:.3f}, {y:.3f}, {x:.3f}), "
-            f"{math.degrees(math.acos(min(abs(z), 1.0))):.1f}° from the z axis; "
+            f"Plane of “{name}”, label {label}: normal {direction_text(plane.normal)}; "
             f"{plane.area_um2:.4g} µm² lie {plane.rms_um:.3g} µm (RMS) off it."
         )
-        self._show_normal(f"normal of {name}", plane)
-
-    def _show_normal(self, name: str, plane: Any) -> None:
         viewer, atlas = self._annotating.viewer, self._annotating.atlas
-        if viewer is None or atlas is None:
-            return
-        length = NORMAL_SHARE * float(np.ptp(atlas.surface.vertices, axis=0).max())
-        vector = np.array([[plane.centroid_um, np.multiply(length, plane.normal)]])
-        if name in viewer.layers:
-            viewer.layers[name].data = vector
-            return
-        surface = [layer for layer in viewer.layers if chart_of(layer) == "surface"]
-        viewer.add_vectors(
-            vector,
-            name=name,
-            translate=surface[0].translate if surface else (0.0, 0.0, 0.0),
-            units=(UNIT,) * 3,
-            axis_labels=SPACE,
-            edge_width=length / ARROW,
-            edge_color="#ffd54f",
-            vector_style="arrow",
-            metadata={KEY: {"layer": name, "chart": "", "field": ""}},
-        )
+        if viewer is not None and atlas is not None:
+            length = LENGTH_SHARE * float(np.ptp(atlas.surface.vertices, axis=0).max())
+            arrow = np.multiply(length, plane.normal)
+            show_arrow(viewer, f"normal of {name}", plane.centroid_um, arrow, "#ffd54f")
+
+    # The axis ------------------------------------------------------------------------
+
+    def use_axis(self) -> None:
+        """Keep the normal of the plane that was fitted last as the axis of lateral speeds."""
+        if self._normal is not None:
+            self._annotating.annotations.axis = self._normal
+            self._annotating.edited.emit()
+
+    def _on_clear_axis(self) -> None:
+        self._annotating.annotations.axis = None
+        self._annotating.edited.emit()
+
+    def _update_axis(self) -> None:
+        there = self._annotating.atlas is not None
+        axis = self._annotating.annotations.axis if there else None
+        self.axis_text.setText("" if axis is None else f"{AXIS_TEXT} {direction_text(axis)}.")
+        for widget in (self.axis_text, self.clear_button):
+            widget.setVisible(axis is not None)
 
 
 def _export(annotations: Annotations, folder: str | Path) -> list[Path]:

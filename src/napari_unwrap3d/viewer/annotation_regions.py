@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qtpy.QtWidgets import (
@@ -18,6 +18,8 @@ from qtpy.QtWidgets import (
 
 from ..annotations import Shape
 from ..errors import Unwrap3DError
+from .painting import LOOK
+from .region_preview import RegionPreview
 from .threads import tell
 
 if TYPE_CHECKING:
@@ -61,6 +63,7 @@ class RegionsBox(QGroupBox):
         self.remove_button = QPushButton("Remove last")
         self.remove_button.setToolTip("What was painted there shows again.")
         self._editing = False
+        self.preview = RegionPreview(annotating)
         self._arrange()
         self._connect()
         self._update()
@@ -104,7 +107,7 @@ class RegionsBox(QGroupBox):
         self.add_button.clicked.connect(self.add)
         self.remove_button.clicked.connect(self.remove)
         self._annotating.listed.connect(self._on_listed)
-        self._annotating.chosen.connect(self._update)
+        self._annotating.chosen.connect(self._on_chosen)
         self._annotating.edited.connect(self._update)
 
     def region(self) -> Shape:
@@ -141,16 +144,41 @@ class RegionsBox(QGroupBox):
 
     def _on_edited(self, _: float = 0.0) -> None:
         """The region that was added last follows."""
+        self._show_preview()
         if self._editing and self._annotating.current and self._regions():
             self._put((*self._regions()[:-1], self.region()))
 
     def _on_kind(self, _: str) -> None:
         self._editing = False
         self._update()
+        self._show_preview()
 
     def _on_axis(self, _: int) -> None:
         self._propose_position()
         self._on_edited()
+
+    def _on_chosen(self) -> None:
+        if self._annotating.tool != LOOK:
+            self.preview.hide()
+        self._update()
+
+    # What the form describes is seen in 3D while the pointer is in it, or it is changed ---
+
+    def _show_preview(self) -> None:
+        if self._annotating.current:
+            self.preview.show(self.region())
+
+    def enterEvent(self, event: Any) -> None:
+        super().enterEvent(event)
+        self._show_preview()
+
+    def leaveEvent(self, event: Any) -> None:
+        super().leaveEvent(event)
+        self.preview.hide()
+
+    def hideEvent(self, event: Any) -> None:
+        super().hideEvent(event)
+        self.preview.remove()
 
     def _on_shapes(self) -> None:
         if self._annotating.shapes.edit() is None:
@@ -158,6 +186,7 @@ class RegionsBox(QGroupBox):
 
     def _on_listed(self) -> None:
         self._editing = False
+        self.preview.hide()
         self._propose()
         self._update()
 

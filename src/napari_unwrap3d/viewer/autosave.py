@@ -126,13 +126,13 @@ class Autosave(QObject):
         self._leave()
         self._listening = drawn
         if drawn is not None:
-            for signal in (drawn.changed, drawn.listed, drawn.shaped, drawn.points.changed):
+            for signal in _signals(drawn):
                 signal.connect(self._on_edit)
 
     def _leave(self) -> None:
         if self._listening is not None:
             drawn = self._listening
-            for signal in (drawn.changed, drawn.listed, drawn.shaped, drawn.points.changed):
+            for signal in _signals(drawn):
                 signal.disconnect(self._on_edit)
             self._listening = None
 
@@ -219,3 +219,8 @@ class Autosave(QObject):
         if self._lock is not None:
             self._lock.unlock()
             self._lock = None
+
+
+def _signals(drawn: Annotations) -> tuple[Any, ...]:
+    """Everything that tells of an edit."""
+    return drawn.changed, drawn.listed, drawn.shaped, drawn.turned, drawn.points.changed

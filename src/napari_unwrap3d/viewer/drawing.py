@@ -191,8 +191,17 @@ class DrawnLabels(Labels):
         if not differs.any():
             return
         places = np.unravel_index(flat[differs], self.data.shape)
+        if not self._is_sliced():
+            self.data[places] = shown[differs]
+            self.refresh()
+            return
         self._showing = True
         try:
             self.data_setitem(places, shown[differs])
         finally:
             self._showing = False
+
+    def _is_sliced(self) -> bool:
+        """Whether napari has a slice to change: of a layer that is hidden it may have none."""
+        sizes = [self.data.shape[axis] for axis in self._slice.slice_input.displayed]
+        return bool(self.visible) and sorted(self._slice.image.view.shape) == sorted(sizes)

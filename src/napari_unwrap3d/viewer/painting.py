@@ -18,7 +18,9 @@ from qtpy.QtWidgets import QWidget
 
 from ..charts import Floats, Ints
 from ..geometry.brush import Brush, lasso
+from ..geometry.mesh import vertex_normals
 from ..geometry.picking import RayPicker
+from .brush_circle import BrushCircle
 from .placing import chart_of
 from .threads import Task, tell
 
@@ -47,11 +49,13 @@ class MeshTools:
 
     picker: RayPicker
     brush: Brush
+    normals: Floats
 
 
 def make_tools(layer: Layer, vertices: Floats, faces: Ints) -> tuple[Layer, MeshTools]:
     """The tools of a layer; takes a second or two for a large mesh."""
-    return layer, MeshTools(RayPicker(vertices, faces), Brush(vertices, faces))
+    normals = vertex_normals(vertices, faces)
+    return layer, MeshTools(RayPicker(vertices, faces), Brush(vertices, faces), normals)
 
 
 def find_inside(
@@ -91,12 +95,13 @@ class SurfacePainter(QObject):
     def __init__(self, viewer: ViewerModel, annotating: Annotating) -> None:
         super().__init__(annotating)
         self._viewer = weakref.ref(viewer)
-        self._annotating = annotating
+        self.annotating = annotating
         self._tools: dict[Layer, MeshTools] = {}
         self._making: dict[Layer, Task] = {}
         self._lassoing: Task | None = None
         self._outline: Outline | None = None
         self._closed = False
+        self.circle = BrushCircle(viewer, self)
         viewer.mouse_drag_callbacks.append(self.drag)
 
     def close(self) -> None:
@@ -104,6 +109,7 @@ class SurfacePainter(QObject):
         if self._closed:
             return
         self._closed = True
+        self.circle.close()
         viewer = self._viewer()
         if viewer is not None and self.drag in viewer.mouse_drag_callbacks:
             viewer.mouse_drag_callbacks.remove(self.drag)
@@ -118,6 +124,7 @@ class SurfacePainter(QObject):
         """The meshes are others now."""
         self._tools.clear()
         self._making.clear()
+        self.circle.hide()
 
     def ready(self, layer: Layer) -> bool:
         """Whether a layer can be drawn on."""
@@ -127,7 +134,7 @@ class SurfacePainter(QObject):
         """Make what is needed to draw on the meshes that are seen, in threads."""
         for layer in self._layers():
             if layer not in self._tools and layer not in self._making:
-                faces = self._annotating.faces(chart_of(layer))
+                faces = self.annotating.faces(chart_of(layer))
                 vertices = np.array(layer.data[0][: int(faces.max()) + 1], np.float64)
                 task = self._making[layer] = Task(make_tools, layer, vertices, faces)
                 task.returned.connect(self._on_made)
@@ -151,7 +158,7 @@ class SurfacePainter(QObject):
         return [
             layer
             for layer in viewer.layers
-            if layer.visible and chart_of(layer) in PAINTED and self._annotating.shows(layer)
+            if layer.visible and chart_of(layer) in PAINTED and self.annotating.shows(layer)
         ]
 
     # Picking -------------------------------------------------------------------------
@@ -171,20 +178,26 @@ class SurfacePainter(QObject):
                     best = depth, Hit(layer, int(hits.face[0]), hits.points[0])
         return None if best is None else best[1]
 
+    def normal(self, layer: Layer, face: int) -> Floats:
+        """The direction out of a mesh (in the layer's coordinates) at one of its faces."""
+        tools = self._tools[layer]
+        normal: Floats = tools.normals[tools.picker.faces[face]].sum(axis=0)
+        return normal if normal.any() else np.array([1.0, 0.0, 0.0])
+
     # Drawing -------------------------------------------------------------------------
 
     def drag(self, viewer: ViewerModel, event: Any) -> Iterator[None]:
         """Called by napari when a mouse button goes down."""
-        tool = self._annotating.tool
+        tool = self.annotating.tool
         if tool == POINT and event.button == 1 and len(event.dims_displayed) == 3:
             yield from self._click(event)
             return
         if tool not in ON_MESHES or event.button != 1 or len(event.dims_displayed) != 3:
             return
         hit = self.pick(event.position, event.view_direction)
-        if hit is None or not self._annotating.current:
+        if hit is None or not self.annotating.current:
             return
-        label = self._annotating.label
+        label = self.annotating.label
         if tool == ERASE or ERASING_KEY in event.modifiers:
             label = 0
         camera = viewer.scene.camera
@@ -192,14 +205,14 @@ class SurfacePainter(QObject):
         try:
             # The canvas moves no camera and selects nothing with what we use.
             event.handled = True
-            with self._annotating.annotations.stroke():
+            with self.annotating.annotations.stroke():
                 drawing = self._go_around if tool == LASSO else self._paint
                 yield from drawing(hit.layer, label, event)
         finally:
             camera.mouse_pan = moves
             # A stroke that the end of the window cut short ends when it is forgotten.
             if not self._closed:
-                self._annotating.edited.emit()
+                self.annotating.edited.emit()
 
     def _click(self, event: Any) -> Iterator[None]:
         """Set a point where the surface is clicked; a drag turns the view."""
@@ -207,9 +220,9 @@ class SurfacePainter(QObject):
         yield
         if hit is not None and event.type != "mouse_move":
             if chart_of(hit.layer) == "surface":
-                self._annotating.points.add(hit.point, "surface")
+                self.annotating.points.add(hit.point, "surface")
             else:
-                self._annotating.told.emit("Points are set on the surface, or in an image.")
+                self.annotating.told.emit("Points are set on the surface, or in an image.")
 
     def _paint(self, layer: Layer, label: int, event: Any) -> Iterator[None]:
         last = self._dab(layer, label, event, None)
@@ -224,7 +237,7 @@ class SurfacePainter(QObject):
         """Put the brush down from where it was last to where it is now."""
         tools = self._tools[layer]
         now = _in_layer(layer, np.asarray(event.position), np.asarray(event.view_direction))
-        radius = self._annotating.radius_um / float(np.mean(np.abs(layer.scale[-3:])))
+        radius = self.annotating.radius_um / float(np.mean(np.abs(layer.scale[-3:])))
         start = now if last is None else last
         way = float(np.linalg.norm(now[0] - start[0]))
         count = min(int(np.ceil(way * DABS_PER_RADIUS / radius)), MOST_DABS) if way else 1
@@ -233,10 +246,11 @@ class SurfacePainter(QObject):
         hits = tools.picker.pick_many(*lines)
         if len(hits.line):
             self._mark(layer, tools.brush.vertices(hits.face, hits.points, radius), label)
+            self.circle.show(layer, int(hits.face[-1]), hits.points[-1])
         return now
 
     def _mark(self, layer: Layer, vertices: Ints, label: int) -> None:
-        annotations, name = self._annotating.annotations, self._annotating.current
+        annotations, name = self.annotating.annotations, self.annotating.current
         if len(vertices) == 0:
             return
         if chart_of(layer) == "surface":
@@ -271,9 +285,9 @@ class SurfacePainter(QObject):
     def _on_lassoed(self, found: tuple[Layer, int, Ints]) -> None:
         layer, label, vertices = found
         self._lassoing = None
-        if not self._closed and self._annotating.current:
+        if not self._closed and self.annotating.current:
             self._mark(layer, vertices, label)
-            self._annotating.edited.emit()
+            self.annotating.edited.emit()
 
     def _show_outline(self) -> Outline:
         viewer = self._viewer()

@@ -140,7 +140,7 @@ class PointLayers(QObject):
         if viewer is None or atlas is None:
             return
         axes = SPACE if chart == SURFACE else AXES[chart]
-        placed: dict[str, Any] = {"size": PIXELS}
+        placed: dict[str, Any] = {"size": PIXELS * atlas.uv.shape[0] / ROWS}
         if chart == SURFACE:
             surface = [layer for layer in viewer.layers if chart_of(layer) == SURFACE]
             size = SIZE_SHARE * float(np.ptp(atlas.surface.vertices, axis=0).max())
