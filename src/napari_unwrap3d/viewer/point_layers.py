@@ -26,6 +26,7 @@ NAME = "points"
 SURFACE = "surface"
 SIZE_SHARE = 0.04
 PIXELS = 14.0
+ROWS = 512
 # Read on light and dark fields and canvases, beside the mark, and before the surface.
 TEXT = {
     "string": "{shown}",
