@@ -161,6 +161,14 @@ class Person:
         QTest.mouseClick(native, Qt.MouseButton.LeftButton, pos=_point(native, place))
         self.rest(0.3)
 
+    def leave(self) -> None:
+        """Take the pointer off the second canvas, and with it what it draws there."""
+        from qtpy.QtCore import QEvent
+        from qtpy.QtWidgets import QApplication
+
+        QApplication.sendEvent(self.canvas.qt_viewer, QEvent(QEvent.Type.Leave))
+        self.rest(0.2)
+
     def drag(self, native: Any, places: Iterable[tuple[float, float]]) -> None:
         """Press, move along shares (x, y) of a canvas, and release."""
         from qtpy.QtCore import Qt
@@ -336,7 +344,7 @@ def cursor(person: Person) -> None:
     person.hover(person.second, (0.42, 0.55))
     assert person.canvas.cursor.place is not None
     person.save("cursor")
-    person.hover(person.second, (0.01, 0.01))
+    person.leave()
 
 
 def draw(person: Person) -> None:
@@ -355,6 +363,7 @@ def draw(person: Person) -> None:
     surface = person.viewer.layers["surface"]
     person.wait(lambda: annotating.painter.ready(surface), "the brush of the surface")
     person.settle()
+    person.leave()
     for label, place in enumerate(BLEBS, start=1):
         person.dock.label_box.setValue(label)
         person.press("brush")
@@ -372,7 +381,7 @@ def draw(person: Person) -> None:
     person.settle()
     person.save("draw")
     person.press("look")
-    person.hover(person.second, (0.01, 0.01))
+    person.leave()
 
 
 def look_at(person: Person, name: str, chart: str = "surface") -> None:

@@ -13,6 +13,7 @@ import pytest
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import save_project
 from napari_unwrap3d.viewer import samples
+from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
 from napari_unwrap3d.viewer.placing import chart_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
@@ -37,6 +38,14 @@ def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any)
     with qtbot.waitSignal(widget.session.finished, timeout=20_000):
         widget.run_button.click()
     assert "surface" in {chart_of(layer) for layer in viewer.layers}
+
+
+def test_the_wizard_leads_to_the_annotations(plugin: Any) -> None:
+    viewer = plugin()
+    _, wizard = viewer.window.add_plugin_dock_widget(PLUGIN, "Unwrap")
+    wizard.hint.linkActivated.emit("draw")
+    (drawing,) = viewer.window._qt_window.findChildren(AnnotationWidget)
+    assert not drawing.isHidden()
 
 
 def test_meshes_are_saved_and_opened(plugin: Any, tmp_path: Path) -> None:

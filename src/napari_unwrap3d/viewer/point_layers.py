@@ -218,5 +218,5 @@ class PointLayers(QObject):
 
 def _beside(name: str, chart: str) -> str:
     """A name with what keeps it beside its mark: in 3D napari centres every text."""
-    gap = 2 * len(name) + 6 if chart == SURFACE else 2
+    gap = 2 * len(name) + 3 if chart == SURFACE else 2
     return " " * gap + name

@@ -27,7 +27,7 @@ from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
 from .session import session_of
 from .source_chooser import SourceChooser
-from .step_panel import WIDTH, StepPanel, scrolling
+from .step_panel import HIGHLIGHT, WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
 from .threads import Task, tell
 
@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 DEFAULTS = "defaults"
 NAME = "Unwrap"
+# Of the plugin and of its other dock, as the manifest has them.
+PLUGIN, ANNOTATIONS = "napari-unwrap3d", "Annotations"
+DRAW = f'Next: look, <a href="draw" style="color: {HIGHLIGHT}">draw on it</a>, or save it.'
 FILES = f"unwrap3d project (*{SUFFIX})"
 
 
@@ -133,6 +136,7 @@ class Wizard(Docked):
         self.automatic.toggled.connect(self._on_automatic)
         self.run_button.clicked.connect(self.run)
         self.cancel_button.clicked.connect(self._on_cancel)
+        self.hint.linkActivated.connect(self._on_draw)
         self.save_button.clicked.connect(self._on_save)
         self.open_button.clicked.connect(self._on_open)
         self.session.told.connect(self._say)
@@ -172,6 +176,12 @@ class Wizard(Docked):
             groups[step]["compute"] = getattr(now, step).compute
         self.session.set_parameters(Parameters.from_dict(groups))
 
+    def _on_draw(self, _: str = "") -> None:
+        """Open the dock that draws, or bring it to the front."""
+        dock, _ = self.viewer.window.add_plugin_dock_widget(PLUGIN, ANNOTATIONS)
+        dock.show()
+        dock.raise_()
+
     # What the session says ---------------------------------------------------
 
     def _on_running(self, running: bool) -> None:
@@ -194,8 +204,13 @@ class Wizard(Docked):
     def _update_hint(self) -> None:
         """What to press next."""
         step = self.session.next_step()
-        if self.session.blocked() or self.session.running or not step:
+        done = not step and self.session.atlas is not None
+        if self.session.blocked() or self.session.running or not (step or done):
             self.hint.hide()
+            return
+        if done:
+            self.hint.setText(DRAW)
+            self.hint.show()
             return
         first = "Press <b>Run all</b>, or go step by step: " if step == STEPS[0] else "Next: "
         self.hint.setText(f"{first}<b>Run</b> in <b>{TITLES[step]}</b>.")
