@@ -19,6 +19,7 @@ from napari_unwrap3d.viewer.annotation_widget import (
     AnnotationWidget,
 )
 from napari_unwrap3d.viewer.arrows import AXIS
+from napari_unwrap3d.viewer.keeping import keeping
 from napari_unwrap3d.viewer.layers import COPIES, KEY
 from napari_unwrap3d.viewer.writers import write_surface
 from viewer.opened import SECONDS, open_atlas
@@ -280,6 +281,8 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
         mask=old.mask,
         quality=old.quality,
     )
+    for _ in keeping(old, again):
+        QApplication.processEvents()
     session.atlas = again
     session.finished.emit(again)
     qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
