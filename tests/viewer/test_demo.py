@@ -14,6 +14,7 @@ from napari_unwrap3d import simulate
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import STEP_NAMES
 from napari_unwrap3d.viewer import demo, samples
+from napari_unwrap3d.viewer.canvas import canvas_of
 from napari_unwrap3d.viewer.placing import chart_of
 
 SMALL = Parameters.from_dict({"uv": {"rows": 64}})
@@ -44,9 +45,9 @@ def test_the_main_job_in_a_window(make_napari_viewer: Any, qtbot: Any, tmp_path:
     widget = demo.start_demo(viewer, "blebs", output, SMALL, done.append, size=80)
     qtbot.waitUntil(lambda: bool(done), timeout=120_000)
     assert widget.session.atlas is not None, widget.message.text()
-    assert {"surface", "reference", "sphere", "uv", "topography"} <= {
-        chart_of(layer) for layer in viewer.layers
-    }
+    layers = [*viewer.layers, *canvas_of(viewer).model.layers]
+    shown = {chart_of(layer) for layer in layers}
+    assert {"surface", "reference", "sphere", "uv", "topography"} <= shown
     assert all(widget.session.steps[name].seconds is not None for name in STEP_NAMES)
     for name in STEP_NAMES:
         assert widget.panels[name].status.text(), name

@@ -14,7 +14,9 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import save_project
 from napari_unwrap3d.viewer import samples
 from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
+from napari_unwrap3d.viewer.canvas import canvas_of
 from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer.session import session_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
 PLUGIN = "napari-unwrap3d"
@@ -60,16 +62,14 @@ def test_meshes_are_saved_and_opened(plugin: Any, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.sort(again.data[1]), np.sort(faces))
 
 
-def test_a_project_opens_with_its_charts(plugin: Any, tmp_path: Path, round_cell: Atlas) -> None:
+def test_a_project_opens_with_its_charts(
+    plugin: Any, qtbot: Any, tmp_path: Path, round_cell: Atlas
+) -> None:
     viewer = plugin()
     path = save_project(round_cell, tmp_path / "cell.unwrap3d")
-    opened = viewer.open(str(path), plugin=PLUGIN)
-    assert {chart_of(layer) for layer in opened} == {
-        "mask",
-        "surface",
-        "sealed",
-        "reference",
-        "sphere",
-        "uv",
-        "topography",
-    }
+    assert viewer.open(str(path), plugin=PLUGIN) == []
+    session = session_of(viewer)
+    qtbot.waitUntil(lambda: session.atlas is not None, timeout=20_000)
+    layers = [*viewer.layers, *canvas_of(viewer).model.layers]
+    meshes = {"mask", "surface", "sealed", "reference", "sphere"}
+    assert {chart_of(layer) for layer in layers} - {""} == meshes | {"uv", "topography"}

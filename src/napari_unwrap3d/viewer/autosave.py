@@ -81,7 +81,7 @@ class Autosave(QObject):
         self._in_file: tuple[Path, Atlas] | None = None
         self._kept: Path | None = None
         self._lock: QLockFile | None = None
-        self._dirty = False
+        self._dirty = self._closed = False
         self._task: Task | None = None
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
@@ -98,6 +98,9 @@ class Autosave(QObject):
 
     def saved(self, path: Path) -> None:
         """The whole cell was saved by its user: from now on that file is kept up to date."""
+        if self._closed:
+            # A save that outlived its window.
+            return
         self._follow(path)
         self._forget_kept()
 
@@ -207,6 +210,7 @@ class Autosave(QObject):
 
     def close(self) -> None:
         """The window closes: save what was drawn last, before everything is gone."""
+        self._closed = True
         self._timer.stop()
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)
