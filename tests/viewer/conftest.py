@@ -172,3 +172,16 @@ def direct_atlas(small_atlas: Any) -> Any:
 @pytest.fixture
 def hand(make_napari_viewer: Any, direct_atlas: Any, qtbot: Any) -> Hand:
     return Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot)
+
+
+@pytest.fixture(scope="session")
+def upright_atlas(small_pipeline: Any) -> Atlas:
+    """The small cell with its axis set by hand: the last bits of a number may turn a found one."""
+    from napari_unwrap3d.pipeline import Pipeline
+    from shapes import QUICK
+
+    groups = QUICK.model_dump()
+    groups["uv"]["axis_zyx"] = (1.0, 0.2, -0.3)
+    groups["direct"]["rows"] = 64
+    pipeline = Pipeline(small_pipeline.source, dict(small_pipeline.kept))
+    return pipeline.run(Parameters.from_dict(groups), until="direct")

@@ -14,10 +14,10 @@ from viewer.rendering import BACKGROUND, alike, assert_looks_like, picture
 
 
 def test_the_canvases_look_as_before(
-    make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas
+    make_napari_viewer: Any, qtbot: Any, upright_atlas: Atlas
 ) -> None:
     viewer = make_napari_viewer(show=True)
-    canvas = open_atlas(viewer, small_atlas, qtbot)
+    canvas = open_atlas(viewer, upright_atlas, qtbot)
     viewer.scene.camera.angles = (60, -70, 60)
     viewer.window._qt_window.findChild(ShownBar).show_alone("surface")
     surface = picture(viewer.window._qt_viewer, (64, 64))
@@ -54,9 +54,9 @@ def test_meshes_are_lit_from_the_front(
 
 
 def test_an_annotation_is_seen_in_three_views(
-    make_napari_viewer: Any, qtbot: Any, direct_atlas: Atlas
+    make_napari_viewer: Any, qtbot: Any, upright_atlas: Atlas
 ) -> None:
-    hand = Hand(make_napari_viewer(show=True), direct_atlas.replaced(), qtbot, ("uv", "direct"))
+    hand = Hand(make_napari_viewer(show=True), upright_atlas.replaced(), qtbot, ("uv", "direct"))
     away = hand.atlas.surface.vertices - hand.atlas.surface.vertices.mean(axis=0)
     plain = {chart: _seen(hand, chart) for chart in ("surface", "uv", "direct")}
     # The upper half of a cap has another label: a mirror image is another picture.

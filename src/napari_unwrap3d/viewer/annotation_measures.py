@@ -222,7 +222,7 @@ def _mean_title(column: str) -> str:
 
 def _meaning(column: str) -> str:
     mean = column.startswith("mean_")
-    return "The mean over the label, every place weighed by its area." if mean else ""
+    return "Mean over the label, weighted by area." if mean else ""
 
 
 def _item(value: Any) -> QTableWidgetItem:
