@@ -210,7 +210,7 @@ def _meaning(column: str) -> str:
 
 def _item(value: Any) -> QTableWidgetItem:
     number = isinstance(value, int | float)
-    item = QTableWidgetItem(f"{value:.3g}" if isinstance(value, float) else str(value))
+    item = QTableWidgetItem(f"{value:.4g}" if isinstance(value, float) else str(value))
     if number:
         item.setTextAlignment(Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter)
     return item
