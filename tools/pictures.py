@@ -149,6 +149,8 @@ class Person:
 
     def hover(self, native: Any, place: tuple[float, float]) -> None:
         """Point at a share (x, y) of a canvas."""
+        if native is self.second:
+            self.canvas.model.mouse_over_canvas = True
         self._move(native, place, pressed=False)
         self.rest(0.2)
 
@@ -163,10 +165,7 @@ class Person:
 
     def leave(self) -> None:
         """Take the pointer off the second canvas, and with it what it draws there."""
-        from qtpy.QtCore import QEvent
-        from qtpy.QtWidgets import QApplication
-
-        QApplication.sendEvent(self.canvas.qt_viewer, QEvent(QEvent.Type.Leave))
+        self.canvas.model.mouse_over_canvas = False
         self.rest(0.2)
 
     def drag(self, native: Any, places: Iterable[tuple[float, float]]) -> None:
@@ -241,10 +240,10 @@ def palette(picture: Image.Image) -> Image.Image:
     _, first, count = np.unique(
         coarse @ np.array([1, 64, 4096]), return_index=True, return_counts=True
     )
-    weighed = np.repeat(pixels[first], np.ceil(count**0.4).astype(int), axis=0)
+    weighed = np.repeat(pixels[first], np.ceil(count**0.25).astype(int), axis=0)
     exact, often = np.unique(pixels, axis=0, return_counts=True)
     exact = exact[np.argsort(-often)[:EXACT]]
-    rest = Image.fromarray(weighed[None]).quantize(COLOURS - EXACT, Image.Quantize.MEDIANCUT)
+    rest = Image.fromarray(weighed[None]).quantize(COLOURS - EXACT, Image.Quantize.MAXCOVERAGE)
     found = Image.new("P", (1, 1))
     found.putpalette([*exact.ravel().tolist(), *(rest.getpalette() or [])][: 3 * COLOURS])
     return found
@@ -341,7 +340,7 @@ def steps(person: Person) -> None:
 
 def cursor(person: Person) -> None:
     """The same place in both canvases."""
-    person.hover(person.second, (0.42, 0.55))
+    person.hover(person.second, (0.65, 0.24))
     assert person.canvas.cursor.place is not None
     person.save("cursor")
     person.leave()
@@ -363,7 +362,6 @@ def draw(person: Person) -> None:
     surface = person.viewer.layers["surface"]
     person.wait(lambda: annotating.painter.ready(surface), "the brush of the surface")
     person.settle()
-    person.leave()
     for label, place in enumerate(BLEBS, start=1):
         person.dock.label_box.setValue(label)
         person.press("brush")
@@ -377,11 +375,9 @@ def draw(person: Person) -> None:
     person.click(person.shown.buttons["sphere"])
     look_at(person, "protrusion")
     person.press("brush")
-    person.hover(person.second, BLEBS[0])
-    person.settle()
+    person.leave()
     person.save("draw")
     person.press("look")
-    person.leave()
 
 
 def look_at(person: Person, name: str, chart: str = "surface") -> None:
@@ -480,12 +476,13 @@ SCENES = (window, light, steps, cursor, draw, carried, paint, topography, region
 @contextmanager
 def own_settings() -> Iterator[None]:
     """Neither the settings nor the unsaved cells of whoever calls this."""
-    from qtpy.QtCore import QStandardPaths
-
     with tempfile.TemporaryDirectory() as folder:
+        # napari reads this when it is imported.
         os.environ["NAPARI_CONFIG"] = str(Path(folder) / "settings.yaml")
-        os.environ["XDG_DATA_HOME"] = folder
-        QStandardPaths.setTestModeEnabled(True)
+        from napari_unwrap3d.viewer import autosave
+
+        # An absolute folder wins over where the system keeps such files.
+        autosave.FOLDER = str(Path(folder) / "unsaved")
         yield
 
 
