@@ -283,7 +283,7 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
         mask=old.mask,
         quality=old.quality,
     )
-    session.later(session._end(Outcome(atlas=again)))
+    session.turns.add(session._end(Outcome(atlas=again)))
     qtbot.waitUntil(lambda: widget.annotating.atlas is again, timeout=SECONDS)
     assert again.annotations.names == ("out of focus",)
     assert again.annotations.axis == (-1.0, 0.0, 0.0)

@@ -49,7 +49,7 @@ def draw(atlas: Atlas) -> np.ndarray:
 
 def wait(session: Session, qtbot: Any) -> Atlas:
     qtbot.waitUntil(lambda: session.atlas is not None, timeout=SECONDS)
-    qtbot.waitUntil(lambda: not session._work, timeout=SECONDS)
+    qtbot.waitUntil(lambda: not session.turns.busy, timeout=SECONDS)
     assert session.atlas is not None
     return session.atlas
 

@@ -190,15 +190,15 @@ def test_placing_yields_between_layers(session: Session, qtbot: Any, monkeypatch
     viewer = session.viewer
     assert viewer is not None
     counts: list[int] = []
-    turn = session._do_next
+    turn = session.turns._do_next
 
     def counting() -> None:
         before = len(viewer.layers)
         turn()
         counts.append(len(viewer.layers) - before)
 
-    session._timer.timeout.disconnect()
-    session._timer.timeout.connect(counting)
+    session.turns._timer.timeout.disconnect()
+    session.turns._timer.timeout.connect(counting)
     finish(session, qtbot)
     assert max(counts) == 1
     assert sum(counts) == len(viewer.layers) - 1

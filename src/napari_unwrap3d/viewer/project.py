@@ -196,7 +196,7 @@ def _show(viewer: weakref.ref[Any], opened: Opened) -> None:
     known = Known(opened.pipeline, opened.identity, opened.origin, shown)
     session.adopt(known, opened.atlas, layer, opened.layers)
     session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
-    session.later(_look(viewer, opened))
+    session.turns.add(_look(viewer, opened))
 
 
 def _look(viewer: weakref.ref[Any], opened: Opened) -> Iterator[None]:

@@ -7,7 +7,6 @@ so several of them show the same, and closing and opening a dock loses nothing.
 from __future__ import annotations
 
 import weakref
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -39,6 +38,7 @@ from .step_states import (
     pipeline_states,
 )
 from .threads import Task, quiet_collector, tell
+from .turns import Turns
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -128,10 +128,7 @@ class Session(QObject):
         self._ended: Computation | None = None
         self._until = ""  # of the last run: what a changed parameter computes anew
         self._again = False  # the run in progress is cancelled to start anew
-        self._work: deque[Iterator[None]] = deque()
-        self._timer = QTimer(self)
-        self._timer.setInterval(TURN_MS)
-        self._timer.timeout.connect(self._do_next)
+        self.turns = Turns(self, TURN_MS, quiet_collector.renew)
         self._rest = QTimer(self)
         self._rest.setSingleShot(True)
         self._rest.setInterval(DEBOUNCE_MS)
@@ -337,9 +334,8 @@ class Session(QObject):
     def close(self) -> None:
         """Cancel and wait for the computing thread, which ends within half a second."""
         self._closed = True
-        for timer in (self._timer, self._rest):
-            timer.stop()
-        self._work.clear()
+        self._rest.stop()
+        self.turns.clear()
         self.closing.emit()
         if self._computation is not None:
             self._computation.cancel()
@@ -369,21 +365,6 @@ class Session(QObject):
                 name: chart for name, chart in self._known.shown.items() if name in present
             }
 
-    def later(self, work: Iterator[None]) -> None:
-        """Do work in the viewer piece by piece, in order, between other events."""
-        self._work.append(work)
-        self._timer.start()
-
-    def _do_next(self) -> None:
-        if not self._work:
-            self._timer.stop()
-            return
-        try:
-            next(self._work[0])
-        except StopIteration:
-            self._work.popleft()
-        quiet_collector.renew()
-
     # What the computing thread sends -----------------------------------------
 
     def _on_source(self, known: Known) -> None:
@@ -402,7 +383,7 @@ class Session(QObject):
         self.progressed.emit(step, fraction, message)
 
     def _on_charts(self, layers: list[LayerData], charts: dict[str, Any]) -> None:
-        self.later(self._place(layers, charts))
+        self.turns.add(self._place(layers, charts))
 
     def _place(self, layers: list[LayerData], charts: dict[str, Any]) -> Iterator[None]:
         viewer = self._viewer()
@@ -428,7 +409,7 @@ class Session(QObject):
         self.charts_changed.emit(charts)
 
     def _on_ended(self, outcome: Outcome) -> None:
-        self.later(self._end(outcome))
+        self.turns.add(self._end(outcome))
 
     def _end(self, outcome: Outcome) -> Iterator[None]:
         yield
@@ -477,8 +458,8 @@ class Session(QObject):
         self._until, self._closed = STEP_NAMES[-1], False
         self._turn_to_3d = self._fit_at_end = True
         self.parameters_changed.emit(self._parameters)
-        self.later(self._place(layers, dict(atlas_charts(atlas))))
-        self.later(self._adopted(atlas))
+        self.turns.add(self._place(layers, dict(atlas_charts(atlas))))
+        self.turns.add(self._adopted(atlas))
 
     def _adopted(self, atlas: Atlas) -> Iterator[None]:
         self._finish(atlas)

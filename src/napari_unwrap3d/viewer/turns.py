@@ -3,19 +3,34 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from qtpy.QtCore import QObject, QTimer
 
 
 class Turns(QObject):
-    """Runs iterators in order, one step per turn of the event loop."""
+    """Runs iterators in order, one step per turn of the event loop.
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    Parameters
+    ----------
+    parent : QObject, optional
+    rest_ms : int
+        Between two turns: other events have at least so long.
+    after : callable, optional
+        Called after every turn.
+    """
+
+    def __init__(
+        self,
+        parent: QObject | None = None,
+        rest_ms: int = 0,
+        after: Callable[[], None] | None = None,
+    ) -> None:
         super().__init__(parent)
+        self._after = after
         self._work: deque[Iterator[None]] = deque()
         self._timer = QTimer(self)
-        self._timer.setInterval(0)
+        self._timer.setInterval(rest_ms)
         self._timer.timeout.connect(self._do_next)
 
     def add(self, work: Iterator[None]) -> None:
@@ -43,3 +58,5 @@ class Turns(QObject):
         except StopIteration:
             if self._work and self._work[0] is work:
                 self._work.popleft()
+        if self._after is not None:
+            self._after()
