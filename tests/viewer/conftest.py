@@ -17,6 +17,7 @@ from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
 from synthetic import make_atlas
 from viewer.hand import Hand
+from viewer.opened import coarsely_direct
 
 EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
 ON_REQUEST_NAMES = tuple(step.name for step in ON_REQUEST)
@@ -162,14 +163,7 @@ def stack() -> np.ndarray:
 @pytest.fixture(scope="session")
 def direct_atlas(small_atlas: Any) -> Any:
     """The small cell with its direct chart, as small as the uv image."""
-    parameters = small_atlas.parameters
-    coarse = parameters.direct.model_copy(update={"rows": small_atlas.uv.shape[0]})
-    # Another test may have asked the shared atlas for a finer one.
-    atlas = small_atlas.replaced(
-        parameters=parameters.model_copy(update={"direct": coarse}), on_request={}
-    )
-    assert atlas.direct.shape == atlas.uv.shape
-    return atlas
+    return coarsely_direct(small_atlas)
 
 
 @pytest.fixture

@@ -59,3 +59,18 @@ def settle(canvas: UnwrappedCanvas, qtbot: Any) -> None:
     """Wait until the field is on every layer."""
     colouring = canvas.colouring
     qtbot.waitUntil(lambda: not colouring.busy, timeout=SECONDS)
+
+
+def coarsely_direct(atlas: Atlas) -> Atlas:
+    """A copy of an atlas with a direct chart as small as its uv image.
+
+    Another test may have asked the shared atlas for a finer one; a plane stays.
+    """
+    parameters = atlas.parameters
+    coarse = parameters.direct.model_copy(update={"rows": atlas.uv.shape[0]})
+    others = {name: chart for name, chart in atlas.on_request.items() if name != "direct"}
+    copy = atlas.replaced(
+        parameters=parameters.model_copy(update={"direct": coarse}), on_request=others
+    )
+    assert copy.direct.shape == copy.uv.shape
+    return copy

@@ -10,16 +10,14 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
 from viewer.hand import LEFT, NONE, Hand
+from viewer.opened import coarsely_direct
 
 CONTROL, SHIFT = Qt.KeyboardModifier.ControlModifier, Qt.KeyboardModifier.ShiftModifier
 
 
 @pytest.fixture
 def hand(make_napari_viewer: Any, plane_atlas: Any, qtbot: Any) -> Hand:
-    parameters = plane_atlas.parameters
-    coarse = parameters.direct.model_copy(update={"rows": plane_atlas.uv.shape[0]})
-    atlas = plane_atlas.replaced(parameters=parameters.model_copy(update={"direct": coarse}))
-    assert atlas.direct.shape == atlas.uv.shape
+    atlas = coarsely_direct(plane_atlas)
     return Hand(make_napari_viewer(show=True), atlas, qtbot, ("uv", "direct", "plane"))
 
 
