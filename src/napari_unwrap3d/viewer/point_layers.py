@@ -127,6 +127,8 @@ class PointLayers(QObject):
         try:
             layer.selected_data = set()
             layer.data = shown
+            # napari selects what is new, and draws a box over it.
+            layer.selected_data = set()
             shown_names = [_beside(name, chart) for name in names]
             layer.features = {
                 "name": np.array(names, dtype=object),
@@ -141,8 +143,10 @@ class PointLayers(QObject):
         if viewer is None or atlas is None:
             return
         axes = SPACE if chart == SURFACE else AXES[chart]
-        placed: dict[str, Any] = {"size": PIXELS * atlas.uv.shape[0] / ROWS}
-        if chart == SURFACE:
+        placed: dict[str, Any]
+        if chart != SURFACE:
+            placed = {"size": PIXELS * getattr(atlas, chart).shape[-2] / ROWS}
+        else:
             surface = [layer for layer in viewer.layers if chart_of(layer) == SURFACE]
             size = SIZE_SHARE * float(np.ptp(atlas.surface.vertices, axis=0).max())
             placed = {"size": size, "units": (UNIT,) * 3, "blending": "translucent_no_depth"}
