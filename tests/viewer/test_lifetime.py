@@ -121,7 +121,6 @@ def test_a_second_window_has_its_own_cell_canvas_and_annotations(
     assert (paint_in_uv(second, qtbot, "bleb") == 1).any()
     assert atlases[first].annotations.names == ("lamella",)
     first.close()
-    assert not thread_names()
     annotating = annotating_of(second)
     annotating.undo()
     assert not atlases[second].annotations.labels("bleb").any()
