@@ -10,7 +10,7 @@ import numpy as np
 from ..annotations import Annotations, label_rows
 from ..errors import InputError
 from ..progress import Progress, silent
-from .export import check_folder, replacing_folder
+from .export import check_folder, files_below, replacing_folder
 from .formats import Formats
 from .meshes import FIELD_SUFFIXES, write_mesh
 from .ome_zarr import write_ome_zarr
@@ -70,7 +70,7 @@ def export_annotations(
         report(0.4, "meshes")
         if annotations.names:
             _write_images(annotations, partial, chosen, report.part(0.4, 1.0))
-        written = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        written = files_below(partial)
     report(1.0, "files")
     return [Path(folder) / path for path in written]
 

@@ -103,9 +103,14 @@ def export_atlas(
         save_project(atlas, partial / PROJECT_NAME, report.part(0.5, 0.75))
         if pictures:
             write_pictures(atlas, partial / "pictures", report.part(0.75, 1.0))
-        written = sorted(path.relative_to(partial) for path in partial.rglob("*") if path.is_file())
+        written = files_below(partial)
         report(1.0, "files")
     return [Path(folder) / path for path in written]
+
+
+def files_below(folder: Path) -> list[Path]:
+    """The files in a folder and below it, in the order of their names, relative to it."""
+    return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())
 
 
 def check_folder(folder: str | Path, overwrite: bool) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import Qt, QTimer
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QFileDialog,
@@ -25,6 +25,7 @@ from ..errors import Unwrap3DError
 from ..files.annotation_export import export_annotations
 from .arrows import LENGTH_SHARE, direction_text, show_arrow
 from .threads import Task, tell
+from .turns import soon
 
 if TYPE_CHECKING:
     from .annotating import Annotating
@@ -86,10 +87,7 @@ class MeasuresBox(QGroupBox):
         column.addWidget(self.result)
         column.addWidget(self.axis_text)
         column.addWidget(self.clear_button)
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(DELAY_MS)
-        self._timer.timeout.connect(self.measure)
+        self._timer = soon(self, self.measure, DELAY_MS)
         self.export_button.clicked.connect(self._on_export)
         self.plane_button.clicked.connect(self.fit)
         self.axis_button.clicked.connect(self.use_axis)

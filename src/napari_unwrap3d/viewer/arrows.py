@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject
 
 from ..annotations import Annotations
 from .layers import KEY, SPACE, UNIT
 from .placing import chart_of
+from .turns import soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -82,10 +83,7 @@ class AxisArrow(QObject):
         self._annotating = annotating
         self._annotations: Annotations | None = None
         # In a turn of the event loop of its own: napari needs long to add a layer.
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self._update)
+        self._timer = soon(self, self._update)
 
     def show(self, annotations: Annotations) -> None:
         """Show the axis of this cell."""

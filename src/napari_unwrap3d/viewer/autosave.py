@@ -12,12 +12,13 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QLockFile, QObject, QStandardPaths, QTimer
+from qtpy.QtCore import QLockFile, QObject, QStandardPaths
 
 from ..errors import Unwrap3DError
 from ..files.autosave import save_annotations
 from ..files.project import SUFFIX
 from .threads import Task
+from .turns import soon
 
 if TYPE_CHECKING:
     from ..annotations import Annotations
@@ -83,10 +84,7 @@ class Autosave(QObject):
         self._lock: QLockFile | None = None
         self._dirty = self._closed = False
         self._task: Task | None = None
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(REST_MS)
-        self._timer.timeout.connect(self.save)
+        self._timer = soon(self, self.save, REST_MS)
         session.finished.connect(self._on_atlas)
         session.steps_changed.connect(self._on_atlas)
         session.closing.connect(self.close)

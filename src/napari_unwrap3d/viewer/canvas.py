@@ -15,7 +15,7 @@ import numpy as np
 from napari.components import ViewerModel
 from napari.qt import QtViewer
 from napari.utils.action_manager import action_manager
-from qtpy.QtCore import QEvent, QObject, Qt, QTimer, Signal
+from qtpy.QtCore import QEvent, QObject, Qt, Signal
 from qtpy.QtWidgets import (
     QButtonGroup,
     QDockWidget,
@@ -32,6 +32,7 @@ from .layers import UNWRAPPED, LayerData
 from .notice import Notice, small_button
 from .placing import chart_of, placing
 from .requested import MEANINGS, RequestedCharts
+from .turns import soon
 
 if TYPE_CHECKING:
     from napari.layers import Layer
@@ -214,8 +215,8 @@ class UnwrappedCanvas(QWidget):
         self.requested.computed.connect(self._on_computed)
         self.model.mouse_wheel_callbacks.append(self._on_wheel)
         self.model.mouse_drag_callbacks.append(self._on_drag)
-        self._list_timer = _soon(self, self._update_list)
-        self._fit_timer = _soon(self, self._fit_again)
+        self._list_timer = soon(self, self._update_list)
+        self._fit_timer = soon(self, self._fit_again)
 
     def _on_theme(self, _: Any = None) -> None:
         viewer = self._viewer()
@@ -437,15 +438,6 @@ class UnwrappedCanvas(QWidget):
         del self.qt_viewer, self.controls, self.layer_list, self.pages
         if viewer is not None:
             _CANVASES.pop(viewer, None)
-
-
-def _soon(parent: QObject, action: Any) -> QTimer:
-    """A timer whose start does an action once, in the next turn of the event loop."""
-    timer = QTimer(parent)
-    timer.setSingleShot(True)
-    timer.setInterval(0)
-    timer.timeout.connect(action)
-    return timer
 
 
 _CANVASES: weakref.WeakKeyDictionary[Any, UnwrappedCanvas] = weakref.WeakKeyDictionary()

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from qtpy.QtCore import QEvent, QObject, QTimer
+from qtpy.QtCore import QEvent, QObject
 from qtpy.QtWidgets import QWidget
+
+from .turns import soon
 
 
 def disconnect(connections: list[tuple[Any, Any]], *_: Any) -> None:
@@ -27,10 +29,7 @@ def end_with_dock(widget: QWidget) -> None:
 class _Undocked(QObject):
     def __init__(self, widget: QWidget) -> None:
         super().__init__(widget)
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self._on_rest)
+        self._timer = soon(self, self._on_rest)
         widget.installEventFilter(self)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:

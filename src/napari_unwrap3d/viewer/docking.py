@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from qtpy.QtCore import QTimer
 from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QDockWidget, QMainWindow, QWidget
+
+from .turns import soon
 
 
 class Docked(QWidget):
@@ -17,10 +18,7 @@ class Docked(QWidget):
         super().showEvent(event)
         if not self._joined:
             self._joined = True
-            timer = QTimer(self)
-            timer.setSingleShot(True)
-            timer.timeout.connect(self._join)
-            timer.start(0)
+            soon(self, self._join).start()
 
     def _join(self) -> None:
         dock = dock_of(self)

@@ -15,10 +15,10 @@ import numpy as np
 import numpy.typing as npt
 from napari.layers import Labels
 from napari.utils.colormaps import DirectLabelColormap
-from qtpy.QtCore import QTimer
 
 from ..annotations import Annotations, Change
 from .layers import IMAGE, KEY, NORMAL, SPACE
+from .turns import soon
 
 AXES = {"uv": IMAGE, "direct": IMAGE, "plane": IMAGE, "topography": NORMAL, "volume": SPACE}
 OPACITY = 0.65
@@ -70,10 +70,7 @@ class DrawnLabels(Labels):
             "metadata": {KEY: about},
         }
         super().__init__(self._shown.copy(), **{**given, **attributes})
-        self._timer = QTimer()
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self.show_changes)
+        self._timer = soon(None, self.show_changes)
         self.events.labels_update.connect(self._on_drawn)
         annotations.changed.connect(self._on_changed)
 

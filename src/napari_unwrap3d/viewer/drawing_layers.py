@@ -10,7 +10,7 @@ import weakref
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject
 
 from ..annotations import Annotations
 from .drawing import DrawnLabels, drawing_name, label_colormap
@@ -19,6 +19,7 @@ from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 from .placing import chart_of
 from .texturing import Watching
 from .threads import Task, tell
+from .turns import soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -57,10 +58,7 @@ class DrawingLayers(QObject):
         self._layers: dict[tuple[str, str], DrawnLabels] = {}
         self._building: dict[str, Task] = {}
         self._slices = self._all_depths = self._syncing = False
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self._make_next)
+        self._timer = soon(self, self._make_next)
         annotating.listed.connect(self._on_listed)
         annotating.chosen.connect(self._on_chosen)
         viewer.layers.events.removed.connect(self._on_removed)

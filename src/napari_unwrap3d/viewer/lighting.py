@@ -11,9 +11,10 @@ import weakref
 from typing import Any
 
 import numpy as np
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject
 
 from .layers import KEY
+from .turns import soon
 
 
 class Lighting(QObject):
@@ -28,10 +29,7 @@ class Lighting(QObject):
     def __init__(self, viewer: Any, parent: QObject) -> None:
         super().__init__(parent)
         self._viewer = weakref.ref(viewer)
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self.update)
+        self._timer = soon(self, self.update)
         camera = viewer.scene.camera.events
         # After napari itself has set its light.
         camera.view_direction.connect(self.update, position="last")

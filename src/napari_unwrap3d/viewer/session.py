@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QEvent, QObject, QTimer, Signal
+from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
@@ -38,7 +38,7 @@ from .step_states import (
     pipeline_states,
 )
 from .threads import Task, quiet_collector, tell
-from .turns import Turns
+from .turns import Turns, soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -129,10 +129,7 @@ class Session(QObject):
         self._until = ""  # of the last run: what a changed parameter computes anew
         self._again = False  # the run in progress is cancelled to start anew
         self.turns = Turns(self, TURN_MS, quiet_collector.renew)
-        self._rest = QTimer(self)
-        self._rest.setSingleShot(True)
-        self._rest.setInterval(DEBOUNCE_MS)
-        self._rest.timeout.connect(self._update)
+        self._rest = soon(self, self._update, DEBOUNCE_MS)
         self._closed = False
         # The view is set for the first charts; afterwards it belongs to the user.
         self._turn_to_3d = self._fit_at_end = False

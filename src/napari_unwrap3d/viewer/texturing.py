@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from qtpy.QtCore import QObject, QTimer
+from qtpy.QtCore import QObject
 
 from ..annotations import Annotations, Change
 from ..atlas import Atlas
@@ -25,6 +25,7 @@ from .layers import COPIES, KEY
 from .placing import chart_of
 from .subtexture import show_boxes
 from .threads import Task, tell
+from .turns import soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -225,10 +226,7 @@ class Texturing(QObject):
         self._making: dict[str, Task] = {}
         self._skins: dict[str, Skin] = {}
         self._watching, self._watched = watching, set[str]()
-        self._timer = QTimer(self)
-        self._timer.setSingleShot(True)
-        self._timer.setInterval(0)
-        self._timer.timeout.connect(self._show)
+        self._timer = soon(self, self._show)
         annotations.changed.connect(self._on_changed)
         annotations.listed.connect(self.update)
         viewer.layers.events.inserted.connect(self.update)

@@ -8,6 +8,18 @@ from collections.abc import Callable, Iterator
 from qtpy.QtCore import QObject, QTimer
 
 
+def soon(parent: QObject | None, action: Callable[..., object], rest_ms: int = 0) -> QTimer:
+    """A timer whose start does an action once, when it has rested so long since.
+
+    Without a rest that is in the next turn of the event loop, however often it was started.
+    """
+    timer = QTimer(parent)
+    timer.setSingleShot(True)
+    timer.setInterval(rest_ms)
+    timer.timeout.connect(action)
+    return timer
+
+
 class Turns(QObject):
     """Runs iterators in order, one step per turn of the event loop.
 
