@@ -10,6 +10,7 @@ The public API in one screen::
     values = atlas.carry(values, "uv", "surface", kind="label")
     signal = unwrap3d.sample_signal(stack, atlas, channel=1)    # one value per vertex
     atlas.annotations.add("cell bottom")                        # drawn on one chart, on all
+    protrusions = unwrap3d.segment_protrusions(atlas)           # .labels, .volume, .table
     atlas.save("cell.unwrap3d")
 """
 
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
         UV,
         Mask,
         Plane,
+        Protrusions,
         Reference,
         SealedSurface,
         Sphere,
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from .geometry.compare import compare_meshes
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
+    from .protrusions.segment import segment_protrusions
     from .sampling import sample_signal
     from .unwrapping import uv_views
 
@@ -57,6 +60,7 @@ _LAZY = {
     "load": "atlas",
     "Mask": "charts",
     "Plane": "charts",
+    "Protrusions": "charts",
     "Reference": "charts",
     "SealedSurface": "charts",
     "Sphere": "charts",
@@ -74,6 +78,7 @@ _LAZY = {
     "Pipeline": "pipeline",
     "unwrap": "pipeline",
     "sample_signal": "sampling",
+    "segment_protrusions": "protrusions.segment",
 }
 _MODULES = {"simulate": ".simulate", "uv_views": ".unwrapping.uv_views"}
 
@@ -87,6 +92,7 @@ __all__ = [
     "Pipeline",
     "Plane",
     "Progress",
+    "Protrusions",
     "Reference",
     "SealedSurface",
     "Sphere",
@@ -103,6 +109,7 @@ __all__ = [
     "read_stack",
     "sample_signal",
     "save_annotations",
+    "segment_protrusions",
     "simulate",
     "unwrap",
     "uv_views",

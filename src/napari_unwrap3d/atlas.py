@@ -18,6 +18,7 @@ from .charts import (
     Floats,
     Mask,
     Plane,
+    Protrusions,
     Reference,
     SealedSurface,
     Sphere,
@@ -48,6 +49,7 @@ Mapped = tuple[Floats, Valid]
 COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
 # Charts that are computed when they are asked for, or first read.
 REQUESTED = {"direct": 2, "plane": 2}
+ON_REQUEST = (*REQUESTED, "protrusions")
 # Each chart is one step of the method away from the next; maps are composed along it.
 CHAIN = ("volume", "topography", "uv", "sphere", "reference")
 ON_SURFACE_VOXELS = 1.0
@@ -62,9 +64,9 @@ class Atlas:
     surface, sealed, reference, sphere, uv, topography
         The charts; see :mod:`napari_unwrap3d.charts`. Reading one that was not computed
         raises :class:`ChartMissingError`.
-    direct, plane
-        Charts that take time and are needed for some work only: computed when they are asked
-        for, or when they are first read.
+    direct, plane, protrusions
+        What takes time and is needed for some work only: computed when it is asked for, or
+        when it is first read.
     mask : Mask
         The cell on the isotropic working grid.
     parameters : Parameters
@@ -73,7 +75,7 @@ class Atlas:
     provenance : mapping
         Version, input, seeds, timings and automatic repairs, JSON-able.
     on_request : mapping
-        Those of direct and plane that were computed, by name.
+        Those of direct, plane and protrusions that were computed, by name.
     """
 
     surface: Surface
@@ -99,7 +101,7 @@ class Atlas:
 
     def has(self, chart: str) -> bool:
         """Whether a chart was computed."""
-        if chart in REQUESTED:
+        if chart in ON_REQUEST:
             return chart in self.on_request
         return object.__getattribute__(self, chart) is not None
 
@@ -144,9 +146,15 @@ class Atlas:
         chart: Plane = self._requested("plane")
         return chart
 
+    @property
+    def protrusions(self) -> Protrusions:
+        """Every bleb, lamellipodium and filopodium, with its measures."""
+        found: Protrusions = self._requested("protrusions")
+        return found
+
     def _requested(self, name: str) -> Any:
         """A chart that is computed when it is first read; it is kept with its numbers."""
-        from .unwrapping.requested import REQUESTED_CHARTS
+        from .requested import ON_REQUEST
 
         numbers = self.quality.get(name, {})
         if name not in self.on_request and "reason" not in numbers:
@@ -156,7 +164,7 @@ class Atlas:
                     hint=f"Run the pipeline up to the step {name!r}.",
                 )
             charts = partial(getattr, self)
-            chart, numbers = REQUESTED_CHARTS[name](
+            chart, numbers = ON_REQUEST[name].function(
                 charts, self.voxel_um, self.parameters, silent()
             )
             # A new mapping: copies of this atlas must not share what is computed later.

@@ -24,11 +24,11 @@ from .parameters import Parameters
 from .progress import Progress
 from .provenance import content_hash, environment, repairs
 from .quality import quality_rows
+from .requested import ON_REQUEST as REQUESTED
 from .unwrapping import measure
 from .unwrapping.axis import with_field_of
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.reference import reference
-from .unwrapping.requested import REQUESTED_CHARTS
 from .unwrapping.solid import closed_mesh, mask_of_mesh
 from .unwrapping.sphere import sphere
 from .unwrapping.surface import sealed_surface, surface
@@ -371,8 +371,10 @@ def _on_request(name: str) -> Callable[[Pipeline, Parameters, Progress], Any]:
     """The function of a step that makes a chart from other charts, when it is asked for."""
 
     def step(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
-        voxel_um = pipeline.value("stack").voxel_size[0]
-        return REQUESTED_CHARTS[name](pipeline.value, voxel_um, parameters, progress)
+        def charts(chart: str) -> Any:
+            return pipeline.value("stack" if chart == "mask" else chart)
+
+        return REQUESTED[name].function(charts, charts("mask").voxel_size[0], parameters, progress)
 
     return step
 
@@ -389,6 +391,7 @@ STEPS = (
 STEP_NAMES = tuple(step.name for step in STEPS)
 # Not everyone needs these, and they take time.
 ON_REQUEST = tuple(
-    Step(name, _on_request(name), (name,), ("topography", "sealed")) for name in REQUESTED_CHARTS
+    Step(name, _on_request(name), asked.parameters, asked.needs)
+    for name, asked in REQUESTED.items()
 )
 _BY_NAME = {step.name: step for step in (*STEPS, *ON_REQUEST)}

@@ -22,7 +22,13 @@ from napari_unwrap3d.errors import Cancelled, FileFormatError, InputError
 from napari_unwrap3d.files.annotated import LARGEST_VIEW, read_annotations
 from napari_unwrap3d.files.autosave import save_annotations
 from napari_unwrap3d.files.project import CHARTS as CHARTS_KEPT
-from napari_unwrap3d.files.project import load_project, opened, read_summary, save_project
+from napari_unwrap3d.files.project import (
+    SCHEMA_VERSION,
+    load_project,
+    opened,
+    read_summary,
+    save_project,
+)
 from napari_unwrap3d.progress import Progress, silent
 from synthetic import make_atlas
 
@@ -114,7 +120,7 @@ def test_a_project_of_schema_2_still_opens(tmp_path: Path) -> None:
     drawn_on(loaded)
     assert read_summary(old)["schema_version"] == 2
     save_annotations(old, loaded.annotations)
-    assert read_summary(old)["schema_version"] == 3
+    assert read_summary(old)["schema_version"] == SCHEMA_VERSION
     assert_same(loaded.annotations, load_project(old).annotations)
 
 

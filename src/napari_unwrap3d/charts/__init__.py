@@ -19,6 +19,7 @@ from .meshes import (
     check_mesh_arrays,
     whole_numbers,
 )
+from .protrusions import Protrusions
 from .volumes import (
     AXES,
     LARGEST_ANISOTROPY,
@@ -43,6 +44,7 @@ __all__ = [
     "LARGEST_VOXEL_UM",
     "Mask",
     "Plane",
+    "Protrusions",
     "Reference",
     "SMALLEST_VOXEL_UM",
     "SealedSurface",

@@ -12,7 +12,18 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import UV, Direct, Plane, Reference, SealedSurface, Sphere, Surface, Topography
+from ..charts import (
+    UV,
+    Direct,
+    Mask,
+    Plane,
+    Protrusions,
+    Reference,
+    SealedSurface,
+    Sphere,
+    Surface,
+    Topography,
+)
 from ..errors import FileFormatError
 
 
@@ -32,7 +43,12 @@ def check_charts(charts: Mapping[str, Any]) -> None:
     """
     from ..atlas import Atlas
 
-    kinds = {**get_type_hints(Atlas), "direct": Direct, "plane": Plane}
+    kinds = {
+        **get_type_hints(Atlas),
+        "direct": Direct,
+        "plane": Plane,
+        "protrusions": Protrusions,
+    }
     for name, chart in charts.items():
         if chart is not None:
             _require(isinstance(chart, kinds[name]), f"The {name} is of another kind")
@@ -48,6 +64,8 @@ def check_charts(charts: Mapping[str, Any]) -> None:
         _check_direct(charts["direct"], charts.get("sealed"))
     if charts.get("plane") is not None:
         _check_plane(charts["plane"], charts.get("sealed"))
+    if charts.get("protrusions") is not None:
+        _check_protrusions(charts["protrusions"], surface, charts.get("mask"))
 
 
 def _check_sphere(sphere: Sphere, reference: Reference | None) -> None:
@@ -117,6 +135,13 @@ def _check_plane(chart: Plane, sealed: SealedSurface | None) -> None:
     if sealed is not None:
         _shape("turns", chart.turns, sealed.faces.shape)
         _shape("plane", chart.vertices, (len(sealed.vertices), 2))
+
+
+def _check_protrusions(found: Protrusions, surface: Surface | None, mask: Mask | None) -> None:
+    if surface is not None:
+        _shape("labels of the protrusions", found.labels, (len(surface.vertices),))
+    if mask is not None:
+        _shape("volumes of the protrusions", found.volume.data, mask.shape)
 
 
 def _require(holds: bool, what: str, **measured: Any) -> None:

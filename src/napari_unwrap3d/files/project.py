@@ -1,6 +1,7 @@
 """The project file: one atlas in one ``*.unwrap3d`` file (Zarr v3 in a zip).
 
-Layout, schema version 3 (1 has no direct chart and no cuts, 2 no annotations)::
+Layout, schema version 4 (1 has no direct chart and no cuts, 2 no annotations, 3 no
+protrusions)::
 
     /              attributes: format, schema_version, parameters (TOML text), quality,
                    provenance, view (JSON)
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
     from ..atlas import Atlas
 
 FORMAT = "napari-unwrap3d project"
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
 
@@ -62,6 +63,7 @@ CHARTS = (
     "topography",
     "direct",
     "plane",
+    "protrusions",
     "mask",
 )
 SMOOTH_GRIDS = ("nodes", "positions")
@@ -235,7 +237,7 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     InputError
         There is no such file.
     """
-    from ..atlas import REQUESTED, Atlas
+    from ..atlas import ON_REQUEST, Atlas
 
     report = progress if progress is not None else silent()
     with opened(Path(path)) as root:
@@ -247,7 +249,7 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
             loaded[name] = _read_group(root[name], report)
         check_charts(loaded)
         state = read_annotations(root[GROUP], loaded, report) if GROUP in root else None
-        asked = {name: loaded.pop(name) for name in REQUESTED}
+        asked = {name: loaded.pop(name) for name in ON_REQUEST}
         atlas = Atlas(
             **loaded,
             on_request={name: chart for name, chart in asked.items() if chart is not None},

@@ -16,6 +16,8 @@ from pydantic import Field, ValidationError
 from ..errors import ParameterError
 from .base import StepParameters, setting
 from .imaging import SealedParameters, StackParameters, SurfaceParameters
+from .protrusions import ProtrusionParameters
+from .topographic import TopographicParameters
 from .unwrapping import (
     DirectParameters,
     PlaneParameters,
@@ -31,12 +33,14 @@ __all__ = [
     "DirectParameters",
     "Parameters",
     "PlaneParameters",
+    "ProtrusionParameters",
     "ReferenceParameters",
     "SealedParameters",
     "SphereParameters",
     "StackParameters",
     "StepParameters",
     "SurfaceParameters",
+    "TopographicParameters",
     "TopographyParameters",
     "UVParameters",
     "setting",
@@ -60,6 +64,12 @@ class Parameters(StepParameters):
     )
     direct: DirectParameters = Field(default_factory=DirectParameters, title="Direct")
     plane: PlaneParameters = Field(default_factory=PlaneParameters, title="Plane")
+    protrusions: ProtrusionParameters = Field(
+        default_factory=ProtrusionParameters, title="Protrusions"
+    )
+    topographic: TopographicParameters = Field(
+        default_factory=TopographicParameters, title="Protrusions by topography"
+    )
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

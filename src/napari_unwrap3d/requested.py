@@ -1,16 +1,18 @@
-"""Charts that not everyone needs and that take time, made from the other charts of a cell."""
+"""Charts and protrusions: what not everyone needs and takes time, made from the other charts."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any
 
-from ..errors import NotCertifiedError
-from ..parameters import Parameters
-from ..progress import Progress
-from . import measure
-from .direct import direct
-from .plane import plane
+from .errors import NotCertifiedError
+from .parameters import Parameters
+from .progress import Progress
+from .protrusions.segment import segment_cell
+from .unwrapping import measure
+from .unwrapping.direct import direct
+from .unwrapping.plane import plane
 
 # Gives a chart by its name.
 Charts = Callable[[str], Any]
@@ -55,4 +57,35 @@ def plane_of(
     return chart, progress.run(measure.measure_plane, cell, sealed, chart, voxel_um)
 
 
-REQUESTED_CHARTS = {"direct": direct_chart_of, "plane": plane_of}
+def protrusions_of(
+    charts: Charts, voxel_um: float, parameters: Parameters, progress: Progress
+) -> ChartAndNumbers:
+    """The protrusions of the cell and their numbers."""
+    found = segment_cell(charts, parameters, progress)
+    return found, dict(found.numbers)
+
+
+@dataclass(frozen=True)
+class Requested:
+    """Something that is computed on request.
+
+    Attributes
+    ----------
+    function : callable
+        Gives it and its numbers.
+    parameters : tuple of str
+        The groups of parameters that it depends on.
+    needs : tuple of str
+        The steps that it depends on.
+    """
+
+    function: Callable[[Charts, float, Parameters, Progress], ChartAndNumbers]
+    parameters: tuple[str, ...]
+    needs: tuple[str, ...] = ("topography", "sealed")
+
+
+ON_REQUEST = {
+    "direct": Requested(direct_chart_of, ("direct",)),
+    "plane": Requested(plane_of, ("plane",)),
+    "protrusions": Requested(protrusions_of, ("protrusions", "topographic"), ("topography",)),
+}
