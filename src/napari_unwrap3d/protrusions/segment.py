@@ -89,16 +89,27 @@ def segment_cell(
         part = progress.part(0.0, 0.9)
         found = by_topography(mask, surface, uv, topography, parameters, part)
     progress(0.9, "measuring the protrusions")
-    return measured(found, mask, surface, charts("topography").surface, method)
+    topography = charts("topography")
+    rows = topography.shape[1]
+    return measured(found, mask, surface, topography.surface, method, rows=rows)
 
 
 def measured(
-    found: Segmentation, mask: Mask, surface: Surface, image: Floats, method: str
+    found: Segmentation,
+    mask: Mask,
+    surface: Surface,
+    image: Floats,
+    method: str,
+    *,
+    rows: int | None = None,
 ) -> Protrusions:
-    """The table of what was found; `image` (n, 3) is the surface in (d µm, v, u)."""
+    """The table of what was found; `image` (n, 3) is the surface in (d µm, v, u).
+
+    Without the `rows` of the uv image the table has no v and no u.
+    """
     from .table import measure_protrusions
 
-    columns = measure_protrusions(found, mask, surface, image)
+    columns = measure_protrusions(found, mask, surface, image, rows=rows)
     volume = Volume(found.volume, mask.voxel_size, mask.origin)
     cortex = replace(mask, data=found.cortex)
     return Protrusions(
