@@ -27,10 +27,9 @@ COLUMNS: Mapping[str, Column] = {
     "motif": Column(
         "Motif",
         "",
-        "A guess by the shape alone: filopodium where it is at least 2.5 times as high as its "
-        "neck is wide, and no more than twice as broad as thick; else lamellipodium where its "
-        "base is at least 2.2 times as long as wide, or it is 2.5 times as broad as thick; "
-        "else bleb.",
+        "A guess by the shape alone: lamellipodium where the base is at least twice as long as "
+        "wide (elongation), else filopodium where it is at least twice as long as broad, else "
+        "bleb.",
     ),
     "vertices": Column("Vertices", "", "Vertices of the surface with this label.", whole=True),
     "area_um2": Column(
@@ -73,7 +72,11 @@ COLUMNS: Mapping[str, Column] = {
         "Area of the ball of its volume over the area of its surface and its base (Wadell "
         "1935, doi:10.1086/624298): 1 is a ball.",
     ),
-    "solidity": Column("Solidity", "", "Volume over that of the convex hull of its voxels."),
+    "solidity": Column(
+        "Solidity",
+        "",
+        "Volume over that of the convex hull of the centres of its voxels' faces.",
+    ),
     "mean_curvature_per_um": Column(
         "Mean curvature",
         "1/µm",

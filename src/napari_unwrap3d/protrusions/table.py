@@ -20,8 +20,8 @@ Columns = dict[str, npt.NDArray[Any]]
 
 CURVATURE = "mean_curvature_per_um"
 # The guess of the motif; see the column's meaning.
-FILOPODIUM_ASPECT, FILOPODIUM_FLATNESS = 2.5, 2.0
-SHEET_ELONGATION, SHEET_FLATNESS = 2.2, 2.5
+LONG = 2.0
+TINY = np.finfo(np.float64).tiny
 
 
 def measure_protrusions(
@@ -61,14 +61,18 @@ def measure_protrusions(
     columns |= _in_uv(found.labels, _weights(surface), image, rows, labels)
     solid = measure_solids(found.volume, found.cortex, mask.voxel_size[0], labels)
     columns |= solid
-    with np.errstate(divide="ignore", invalid="ignore"):
-        aspect = columns["height_max_um"] / columns["width_um"]
-        whole = columns["area_um2"] + columns["base_area_um2"]
-        ball = np.cbrt(np.pi) * np.cbrt(6 * columns["volume_um3"]) ** 2
-        columns["sphericity"] = ball / whole
-    columns["aspect"] = np.where(np.isfinite(aspect), aspect, np.nan)
+    columns["aspect"] = _ratio(columns["height_max_um"], columns["width_um"])
+    ball = np.cbrt(np.pi) * np.cbrt(6 * columns["volume_um3"]) ** 2
+    columns["sphericity"] = _ratio(ball, columns["area_um2"] + columns["base_area_um2"])
     columns["motif"] = _motifs(columns)
     return {name: columns[name] for name in COLUMNS}
+
+
+def _ratio(above: Floats, below: Floats) -> Floats:
+    """NaN where it is not defined."""
+    ratio = np.full(len(above), np.nan)
+    np.divide(above, below, out=ratio, where=below > 0)
+    return ratio
 
 
 def present(found: Segmentation) -> Ints:
@@ -104,12 +108,14 @@ def _of_surface(found: Segmentation, surface: Surface, labels: Ints) -> Columns:
 
     def mean(values: Floats) -> Floats:
         total = np.bincount(row, (weights * values)[inside], len(labels))
-        return np.divide(total, area, out=np.full(len(labels), np.nan), where=area > 0)
+        mean = np.full(len(labels), np.nan)
+        np.divide(total, area, out=mean, where=area > 0)
+        return mean
 
     def largest(values: Floats) -> Floats:
-        top = np.full(len(labels), -np.inf)
-        np.maximum.at(top, row, values[inside])
-        return np.where(np.isneginf(top), np.nan, top)
+        top = np.full(len(labels), np.nan)
+        np.fmax.at(top, row, values[inside])
+        return top
 
     z, y, x = (mean(part) for part in surface.vertices.T)
     return {
@@ -175,9 +181,6 @@ def _in_uv(
 
 def _motifs(columns: Columns) -> npt.NDArray[np.str_]:
     """A guess by the shape; the rule is the meaning of the column."""
-    with np.errstate(divide="ignore", invalid="ignore"):
-        slender = columns["height_max_um"] / columns["neck_um"]
-        flat = columns["breadth_um"] / columns["thickness_um"]
-    tube = (slender >= FILOPODIUM_ASPECT) & (flat <= FILOPODIUM_FLATNESS)
-    sheet = (columns["base_elongation"] >= SHEET_ELONGATION) | (flat >= SHEET_FLATNESS)
-    return np.where(tube, "filopodium", np.where(sheet, "lamellipodium", "bleb"))
+    sheet = columns["base_elongation"] >= LONG
+    tube = columns["length_um"] >= LONG * np.maximum(columns["breadth_um"], TINY)
+    return np.where(sheet, "lamellipodium", np.where(tube, "filopodium", "bleb"))
