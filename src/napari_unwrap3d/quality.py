@@ -127,6 +127,13 @@ LIMITS: dict[tuple[str, str], Limit] = {
         0.5,
         "the direct image shows the cortex where the reference's image does",
     ),
+    ("protrusions", "parts_difference"): Limit(
+        "cortex and protrusions against the cell's volume",
+        0.005,
+        0.02,
+        "the parts are to add up to the cell",
+        absolute=True,
+    ),
     ("plane", "certified"): Limit(
         "certified one to one", 1, 1, "otherwise the plane is refused", least=True
     ),
@@ -151,6 +158,8 @@ KEY_NUMBERS = {
     ("topography", "outward_um"): "mapped outwards (µm)",
     ("topography", "inward_um"): "mapped inwards (µm)",
     ("plane", "mean_abs_log_lambda"): "mean |log λ|",
+    ("protrusions", "protrusions"): "protrusions",
+    ("protrusions", "protrusions_um3"): "volume of all protrusions (µm³)",
 }
 
 

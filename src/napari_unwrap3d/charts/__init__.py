@@ -19,7 +19,7 @@ from .meshes import (
     check_mesh_arrays,
     whole_numbers,
 )
-from .protrusions import Protrusions
+from .protrusions import MOTIFS, Protrusions
 from .volumes import (
     AXES,
     LARGEST_ANISOTROPY,
@@ -42,6 +42,7 @@ __all__ = [
     "Ints",
     "LARGEST_ANISOTROPY",
     "LARGEST_VOXEL_UM",
+    "MOTIFS",
     "Mask",
     "Plane",
     "Protrusions",

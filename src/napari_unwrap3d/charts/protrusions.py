@@ -15,7 +15,9 @@ from .volumes import Floats, Mask, Volume
 if TYPE_CHECKING:
     import pandas as pd
 
-LABEL = "label"
+LABEL, MOTIF = "label", "motif"
+# What the column "motif" counts from 0.
+MOTIFS = ("bleb", "lamellipodium", "filopodium")
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +38,8 @@ class Protrusions:
         cortex or has a label in `volume`, never both.
     columns : mapping of str to ndarray, (k,)
         The table by its columns, whose names carry the unit; ``label`` first, a row per
-        protrusion, in the order of the labels.
+        protrusion, in the order of the labels. Numbers only: ``motif`` is an index into
+        :data:`MOTIFS`.
     method : str
         "cortex" or "topography" (the paper's), or "edited" after a person changed it.
     numbers : mapping
@@ -78,7 +81,10 @@ class Protrusions:
 
     @property
     def table(self) -> pd.DataFrame:
-        """A row per protrusion; the names of the columns carry the units."""
+        """A row per protrusion; the names of the columns carry the units, motifs are words."""
         import pandas as pd
 
-        return pd.DataFrame(dict(self.columns))
+        columns = dict(self.columns)
+        if MOTIF in columns:
+            columns[MOTIF] = np.array(MOTIFS)[columns[MOTIF]]
+        return pd.DataFrame(columns)

@@ -107,7 +107,7 @@ def measured(
 
     Without the `rows` of the uv image the table has no v and no u.
     """
-    from .table import measure_protrusions
+    from .table import measure_protrusions, parts_against_whole
 
     columns = measure_protrusions(found, mask, surface, image, rows=rows)
     volume = Volume(found.volume, mask.voxel_size, mask.origin)
@@ -119,5 +119,9 @@ def measured(
         cortex=cortex,
         columns=columns,
         method=method,
-        numbers={**found.numbers, "protrusions": len(columns["label"])},
+        numbers={
+            **found.numbers,
+            "protrusions": len(columns["label"]),
+            **parts_against_whole(found, mask),
+        },
     )

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import Floats, Ints, Mask, Surface
+from ..charts import MOTIFS, Floats, Ints, Mask, Surface
 from ..geometry.laplacian import vertex_mass
 from ..geometry.mesh import edges_with_faces
 from ..unwrapping.uv import direction_to_uv, uv_to_direction
@@ -66,6 +66,26 @@ def measure_protrusions(
     columns["sphericity"] = _ratio(ball, columns["area_um2"] + columns["base_area_um2"])
     columns["motif"] = _motifs(columns)
     return {name: columns[name] for name in COLUMNS}
+
+
+def parts_against_whole(found: Segmentation, mask: Mask) -> dict[str, Any]:
+    """Whether cortex and protrusions add up to the cell.
+
+    Returns
+    -------
+    dict
+        ``cell_um3``, ``cortex_um3``, ``protrusions_um3`` by the voxels;
+        ``parts_difference``, cortex and protrusions together against the cell, relative.
+    """
+    voxel = float(np.prod(mask.voxel_size))
+    cell, cortex = int(mask.data.sum()), int(found.cortex.sum())
+    protrusions = int(np.count_nonzero(found.volume))
+    return {
+        "cell_um3": cell * voxel,
+        "cortex_um3": cortex * voxel,
+        "protrusions_um3": protrusions * voxel,
+        "parts_difference": (cortex + protrusions) / max(cell, 1) - 1.0,
+    }
 
 
 def _ratio(above: Floats, below: Floats) -> Floats:
@@ -179,8 +199,10 @@ def _in_uv(
 # Motifs --------------------------------------------------------------------------------
 
 
-def _motifs(columns: Columns) -> npt.NDArray[np.str_]:
-    """A guess by the shape; the rule is the meaning of the column."""
+def _motifs(columns: Columns) -> npt.NDArray[np.int8]:
+    """A guess by the shape, as an index into MOTIFS; the rule is the column's meaning."""
     sheet = columns["base_elongation"] >= LONG
     tube = columns["length_um"] >= LONG * np.maximum(columns["breadth_um"], TINY)
-    return np.where(sheet, "lamellipodium", np.where(tube, "filopodium", "bleb"))
+    number = {motif: np.int8(i) for i, motif in enumerate(MOTIFS)}
+    other = np.where(tube, number["filopodium"], number["bleb"])
+    return np.where(sheet, number["lamellipodium"], other)
