@@ -112,4 +112,5 @@ def _closed(solid: Solid) -> tuple[Floats, Ints]:
 def meshes_against_whole(meshes: Mapping[int, Surface], mask: Mask) -> float:
     """Volume of all closed meshes against that of the cell's voxels, relative."""
     cell = int(mask.data.sum()) * float(np.prod(mask.voxel_size))
-    return sum(mesh.report["volume_um3"] for mesh in meshes.values()) / cell - 1.0
+    total = sum(float(mesh.report["volume_um3"]) for mesh in meshes.values())
+    return total / cell - 1.0

@@ -176,6 +176,6 @@ def _hull_volume(solid: Solid) -> float:
         a, b = np.nonzero(lines.any(axis=2))
         first = lines[a, b].argmax(axis=1) - 0.5
         last = lines.shape[2] - lines[a, b, ::-1].argmax(axis=1) - 0.5
-        for end in (first, last):
-            ends.append(np.insert(np.column_stack([a, b]).astype(np.float64), axis, end, axis=1))
+        line = np.column_stack([a, b]).astype(np.float64)
+        ends += [np.insert(line, axis, first, axis=1), np.insert(line, axis, last, axis=1)]
     return float(ConvexHull(np.concatenate(ends)).volume)
