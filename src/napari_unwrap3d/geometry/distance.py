@@ -40,6 +40,28 @@ def distance_to(mask: npt.NDArray[np.bool_]) -> npt.NDArray[np.float32]:
     return squared
 
 
+def power_distance(weight: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+    """Smallest ``|p − q|² + weight(q)`` over all voxels q, for every voxel p.
+
+    With ``weight = −radius²`` it is zero on the surface of a union of balls, negative within
+    and positive outside of it.
+
+    Parameters
+    ----------
+    weight : ndarray, (z, y, x) float32
+        In voxels²; `FAR` or more where there is no q.
+
+    Returns
+    -------
+    ndarray, (z, y, x) float32
+        In voxels²; `FAR` everywhere where there is no q at all.
+    """
+    power = np.array(weight, np.float32, order="C")
+    for lines in (power, power.transpose(0, 2, 1), power.transpose(1, 2, 0)):
+        _transform(lines)
+    return power
+
+
 def _transform(lines: npt.NDArray[np.float32]) -> None:
     """Lower envelopes along the last axis of a view, in place."""
     length = lines.shape[2]

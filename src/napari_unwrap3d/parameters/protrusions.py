@@ -31,3 +31,50 @@ class ProtrusionParameters(StepParameters):
         gt=0,
         lt=1,
     )
+    second_radius: float = setting(
+        0.65,
+        "Radius under protrusions",
+        "The same for the cortex under the footprints of the protrusions that were found: a "
+        "larger ball does not rise into wide ones.",
+        gt=0,
+        lt=1,
+    )
+    threshold_um: float | None = setting(
+        None,
+        "Threshold",
+        "Height over the cortex where protrusions begin; automatic unless given: the median and "
+        "three deviations of the cortex's own heights, and at least half a voxel.",
+        unit="µm",
+        ge=0,
+    )
+    least_area_um2: float | None = setting(
+        None,
+        "Smallest area",
+        "Protrusions that cover less of the surface are left out; 60 voxel faces unless given.",
+        unit="µm²",
+        ge=0,
+    )
+    least_height_um: float | None = setting(
+        None,
+        "Smallest height",
+        "Protrusions whose top is lower are left out; 2.5 voxels unless given, and more on a "
+        "rough cell.",
+        unit="µm",
+        ge=0,
+    )
+    join: float = setting(
+        0.12,
+        "Join",
+        "Two footprints are one protrusion where the lower peak rises over the saddle between "
+        "them by less than this part of its height.",
+        ge=0,
+        le=1,
+    )
+    split: float = setting(
+        0.6,
+        "Split",
+        "Two peaks over one footprint are two protrusions where the saddle between them is lower "
+        "than this part of the lower peak.",
+        ge=0,
+        le=1,
+    )
