@@ -26,6 +26,28 @@ class ReferenceParameters(StepParameters):
         "goes to the sphere.",
         source="Extended Data Fig. 1h, input surface to sphere",
     )
+    method: Literal["flow", "cortex", "second_cortex"] = setting(
+        "flow",
+        "Method",
+        "flow: smoothed by mean curvature flow (the paper's); cortex: the cell opened by a ball, so "
+        "that d = 0 is the cell's body and d the height of protrusions; second_cortex: opened by a "
+        "larger ball where protrusions stand.",
+        source="Step 1, flow",
+    )
+    cortex_radius: float = setting(
+        0.45,
+        "Cortex radius",
+        "With cortex: radius of the ball, as a part of the largest ball that fits into the cell.",
+        gt=0,
+        lt=1,
+    )
+    cortex_second_radius: float = setting(
+        0.65,
+        "Radius under protrusions",
+        "With second_cortex: the same where protrusions stand.",
+        gt=0,
+        lt=1,
+    )
     flow: Literal["cMCF", "MCF"] = setting(
         "cMCF",
         "Flow",

@@ -24,6 +24,7 @@ from ..geometry.topology import euler_characteristic as solid_euler_characterist
 from ..geometry.voxelize import voxelize
 from ..parameters import ReferenceParameters
 from ..progress import Progress
+from .cortex import cortex_depth
 from .cortex_fit import fit_to, fit_to_cortex
 from .flow import Flow, curvature_flow
 
@@ -67,13 +68,19 @@ def reference(
     if sealed.mask is None:
         raise NotGenusZeroError("The sealed surface has no mask.", hint="Make it with seal().")
     mask = _with_border(sealed.mask)
+    level = None
     if parameters.skip:
         curve = np.array([total_absolute_curvature(sealed.vertices, sealed.faces)])
         solid, flow = mask.data, Flow(sealed.vertices, 0, curve, "skipped")
+    elif parameters.method != "flow":
+        curve = np.array([total_absolute_curvature(sealed.vertices, sealed.faces)])
+        solid, level = opened_cell(sealed, parameters, progress)
+        flow = Flow(sealed.vertices, 0, curve, parameters.method)
     else:
         solid, flow = smoothed_solid(sealed, mask, parameters, progress)
     progress(0.72, "meshing the reference")
-    level = level_function(solid, parameters.smoothing_voxels)
+    if level is None:
+        level = level_function(solid, parameters.smoothing_voxels)
     if parameters.skip and parameters.keep_mesh:
         vertices, faces = sealed.vertices, sealed.faces
     else:
@@ -115,7 +122,12 @@ def smoothed_solid(
 ) -> tuple[npt.NDArray[np.bool_], Flow]:
     """The flowed surface where it came from, as a topological ball on the grid."""
     assert sealed.mask is not None
-    start, faces = coarsened(*plugged(sealed, sealed.mask), progress.part(0.0, 0.05))
+    plugs = plugged(sealed, sealed.mask)
+    closed = (sealed.vertices, sealed.faces)
+    if plugs is not None:
+        closed = clamped_marching_cubes(level_function(plugs, 1.0))
+        closed = sealed.mask.to_world(closed[0]), closed[1]
+    start, faces = coarsened(*closed, progress.part(0.0, 0.05))
     # The paper's mean is over the vertices of the surface itself, not of the coarser one.
     flow = curvature_flow(
         start, faces, parameters, progress.part(0.05, 0.6), mean_over=len(sealed.vertices)
@@ -133,18 +145,38 @@ def smoothed_solid(
     return seal(without_spikes(largest_part(inside))), flow
 
 
-def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
-    """The sealed surface with its membranes and cuts as thick as the shape around them.
+def opened_cell(
+    sealed: SealedSurface, parameters: ReferenceParameters, progress: Progress
+) -> tuple[npt.NDArray[np.bool_], npt.NDArray[np.float32]]:
+    """The cell opened by a ball as a topological ball, on the grid with a border, and its level."""
+    assert sealed.mask is not None
+    plugs = plugged(sealed, sealed.mask)
+    solid = np.pad(sealed.mask.data if plugs is None else plugs, BORDER_VOXELS)
+    second = parameters.cortex_second_radius if parameters.method == "second_cortex" else None
+    part = progress.part(0.0, 0.6)
+    level = cortex_depth(solid, parameters.cortex_radius, second, part)
+    closed = level > 0
+    if plugs is not None:  # what closes a hole stays, however thin
+        closed |= np.pad(plugs & ~sealed.mask.data, BORDER_VOXELS)
+    progress(0.62, "making the cortex a ball")
+    ball = seal(largest_part(closed))
+    smooth = ndimage.gaussian_filter(level, parameters.smoothing_voxels)
+    return ball, field_with_sign(smooth, ball)
+
+
+def plugged(sealed: SealedSurface, mask: Mask) -> npt.NDArray[np.bool_] | None:
+    """The sealed solid with its membranes and cuts as thick as the shape around them.
 
     A membrane of one voxel would stay a crease in the reference, into which no normals
-    lead, and a slit of one voxel would close; a plug and a gap smooth away.
+    lead, and a slit of one voxel would close; a plug and a gap smooth away. None where
+    nothing of any size was sealed.
     """
     solid = mask.data
     deepest = float(distance_to(~solid).max())
     plugs = _thickened(sealed.membranes, deepest)
     gaps = _thickened(sealed.cuts, deepest)
     if plugs is None and gaps is None:
-        return sealed.vertices, sealed.faces
+        return None
     if plugs is not None:
         solid = solid | plugs
     if gaps is not None:
@@ -152,8 +184,7 @@ def plugged(sealed: SealedSurface, mask: Mask) -> tuple[Floats, Ints]:
         # Nothing but the gap may be lost: a gap must not cut off an arm.
         if (solid & ~opened & ~gaps).sum() <= gaps.sum():
             solid = opened
-    vertices, faces = clamped_marching_cubes(level_function(seal(solid), 1.0))
-    return mask.to_world(vertices), faces
+    return seal(solid)
 
 
 def _thickened(sheets: Mask | None, deepest: float) -> npt.NDArray[np.bool_] | None:
