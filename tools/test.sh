@@ -19,7 +19,11 @@ if [ -n "$(missing_libraries)$(missing_virtual_display)" ]; then
   pytest+=(--ignore=tests/viewer -p no:pytest-qt -p no:napari)
 fi
 
-if [ "$#" -gt 0 ] || [ "$(nproc)" -lt 2 ]; then workers=1; else workers=2; fi
+# Whether there are two cores and the 3 GB that each process may come to take.
+has_room_for_two() {
+  [ "$(nproc)" -ge 2 ] && awk '/MemAvailable/ { exit !($2 > 6e6) }' /proc/meminfo
+}
+if [ "$#" = 0 ] && has_room_for_two; then workers=2; else workers=1; fi
 
 servers=()
 trap '[ "${#servers[@]}" = 0 ] || kill "${servers[@]}" 2>/dev/null || true' EXIT
