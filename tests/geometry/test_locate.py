@@ -153,6 +153,23 @@ def test_segments_that_end_too_early_or_point_away_hit_nothing() -> None:
         assert (face == -1).all()
 
 
+class ForgetfulTree:
+    """A tree that leaves what was in the memory where nothing is hit, as libigl's does."""
+
+    def intersect_ray_first(self, vertices: Any, faces: Any, origin: Any, along: Any) -> Any:
+        count = len(origin)
+        return np.full(count, -1), np.full(count, np.nan), np.full((count, 2), 1.7e308)
+
+
+def test_a_miss_has_finite_weights(monkeypatch: pytest.MonkeyPatch) -> None:
+    locator = SurfaceLocator(*icosphere(1))
+    monkeypatch.setattr(locator, "_tree", ForgetfulTree())
+    way = directions(3)
+    face, weights = locator.first_hit(2 * way, 3 * way)
+    assert (face == -1).all()
+    np.testing.assert_array_equal(weights, [[1, 0, 0]] * 3)
+
+
 class CountedTree:
     """A tree that tells how many points it was asked for at a time."""
 

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from typing import Any
 
@@ -15,6 +16,7 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
+from napari_unwrap3d.viewer.threads import QuietCollector, quiet_collector
 from synthetic import make_atlas
 from viewer.hand import Hand
 from viewer.opened import coarsely_direct
@@ -106,6 +108,33 @@ class FakePipeline:
             if not until or getattr(parameters, step).compute:
                 wanted[step] = key + str(groups[step])
         return wanted
+
+
+@pytest.fixture
+def real_collector() -> None:
+    """For tests of the quiet collector: nothing is left out of collections beforehand."""
+    gc.unfreeze()
+
+
+@pytest.fixture(autouse=True)
+def collect_what_is_new(
+    request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[None]:
+    """Let collections look at what this test makes only.
+
+    napari looks for leaks with a full collection after every window, and the objects of all
+    the modules and shared atlases would take most of the suite's time. The quiet collector,
+    which would put all of them back, only counts who holds it.
+    """
+    if "real_collector" in request.fixturenames:
+        yield
+        return
+    gc.collect()
+    gc.freeze()
+    for name in ("_begin", "_end", "renew"):
+        monkeypatch.setattr(QuietCollector, name, lambda collector: None)
+    yield
+    assert not quiet_collector._holders, "a window that is gone holds the collector"
 
 
 @pytest.fixture(scope="session")

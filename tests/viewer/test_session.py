@@ -172,6 +172,7 @@ def test_the_work_is_done_in_another_thread(
     assert threading.main_thread().name not in fake_pipeline.made[0].threads
 
 
+@pytest.mark.usefixtures("real_collector")
 def test_the_collector_is_quiet_during_a_run_only(
     session: Session, qtbot: Any, fake_pipeline: Any
 ) -> None:

@@ -58,6 +58,7 @@ def test_an_error_comes_back_and_the_wait_ends(qtbot: Any) -> None:
     assert task.wait(5.0)
 
 
+@pytest.mark.usefixtures("real_collector")
 def test_the_collector_is_quiet_until_the_last_lets_go() -> None:
     collector, first, second = QuietCollector(), object(), object()
     before = gc.get_freeze_count()
@@ -71,6 +72,7 @@ def test_the_collector_is_quiet_until_the_last_lets_go() -> None:
     assert gc.get_freeze_count() == 0
 
 
+@pytest.mark.usefixtures("real_collector")
 def test_the_collector_also_leaves_alone_what_was_made_meanwhile() -> None:
     collector, holder = QuietCollector(), object()
     collector.renew()

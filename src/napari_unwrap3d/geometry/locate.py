@@ -145,7 +145,7 @@ class SurfaceLocator:
         -------
         face : ndarray, (n,)
         weights : ndarray, (n, 3)
-            Barycentric weights of the hit.
+            Barycentric weights of the hit; (1, 0, 0) where there is none.
         """
         origin = np.ascontiguousarray(start, dtype=np.float64)
         direction = np.ascontiguousarray(end - start, dtype=np.float64)
@@ -160,7 +160,9 @@ class SurfaceLocator:
 
     def _first_hit(self, origin: Floats, direction: Floats) -> tuple[Ints, Floats, Floats]:
         face, t, uv = self._tree.intersect_ray_first(self._vertices, self._faces, origin, direction)
-        return np.asarray(face, np.int64).ravel(), np.asarray(t).ravel(), np.reshape(uv, (-1, 2))
+        face, t = np.asarray(face, np.int64).ravel(), np.asarray(t).ravel()
+        # Where nothing is hit libigl leaves what was in the memory.
+        return face, t, np.where(face[:, None] >= 0, np.reshape(uv, (-1, 2)), 0.0)
 
 
 def _in_parts(
