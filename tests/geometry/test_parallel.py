@@ -1,7 +1,6 @@
 """Blocks on threads: order, errors, cancellation, progress, and the same bits on any number."""
 
 import os
-import threading
 import time
 from collections.abc import Callable
 from typing import Any
@@ -81,21 +80,22 @@ def test_an_error_in_a_block_reaches_the_caller_and_no_other_starts(threads: int
 
 
 @pytest.mark.parametrize("threads", [1, 2])
-def test_a_cancellation_ends_the_wait_within_half_a_second(threads: int) -> None:
+def test_a_cancellation_ends_the_wait_after_a_few_blocks(threads: int) -> None:
     progress = Progress()
     seen = []
 
     def block(number: int) -> None:
         seen.append(number)
         time.sleep(0.05)
+        if number == 5:
+            progress.cancel()
 
-    threading.Timer(0.2, progress.cancel).start()
-    began = time.perf_counter()
     with pytest.raises(Cancelled):
         run_blocks(block, range(1000), progress, threads=threads)
-    assert time.perf_counter() - began < 0.7
+    begun = len(seen)
+    assert begun < 40
     time.sleep(0.2)
-    assert len(seen) < 40
+    assert len(seen) <= begun + threads, "no block is begun after it"
 
 
 @pytest.mark.parametrize("threads", [1, 2])
