@@ -19,6 +19,7 @@ from qtpy.QtCore import QObject, Signal
 
 from ..atlas import Atlas
 from ..charts import Size3, Stack, Surface
+from ..geometry.apart import apart
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline
 from ..progress import Progress
@@ -135,7 +136,8 @@ class Computation(QObject):
         importlib.import_module("pandas")
         importlib.import_module("matplotlib.figure")
         pipeline = self._pipeline()
-        pipeline.run(self._parameters, self._progress, until=self._until)
+        with apart():
+            pipeline.run(self._parameters, self._progress, until=self._until)
         atlas = self._complete(pipeline)
         charts = atlas_charts(atlas)
         self._show(charts, tuple(charts))

@@ -387,17 +387,19 @@ class Session(QObject):
         if viewer is None or self._closed:
             return
         own, unwrapped = split_layers(layers)
+        first, self._turn_to_3d = self._turn_to_3d and bool(layers), False
+        if first:
+            # Before the first frame in 3D: without a graphics card that of a stack takes a second.
+            hide_sources(viewer)
+            yield
+            # And before there are meshes, which napari would prepare anew.
+            viewer.dims.ndisplay = 3
+            yield
         yield from placing(viewer, own)
         if unwrapped:
             yield from opening(viewer)
             yield from canvas_of(viewer).place(unwrapped)
-        if self._turn_to_3d and layers:
-            self._turn_to_3d = False
-            yield
-            # Before the first frame in 3D: without a graphics card that of a stack takes a second.
-            hide_sources(viewer)
-            yield
-            viewer.dims.ndisplay = 3
+        if first:
             yield
             viewer.reset_view()
             fit_visible(viewer)
