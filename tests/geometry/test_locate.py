@@ -177,7 +177,8 @@ def test_many_queries_let_other_threads_run_and_change_nothing(
     arguments = (points,) if ask == "closest" else (points, np.zeros_like(points))
     whole = getattr(locator, ask)(*arguments)
     monkeypatch.setattr(compiled, "QUERIES", 100)
-    locator._tree = tree = CountedTree(locator._tree)
+    here = locator._tree._tree
+    here._tree = tree = CountedTree(here._tree)
     for once, parts in zip(whole, getattr(locator, ask)(*arguments), strict=True):
         np.testing.assert_array_equal(parts, once)
     assert tree.asked == [100] * 5 + [3]

@@ -9,7 +9,6 @@ here.
 from __future__ import annotations
 
 import contextlib
-import importlib
 import itertools
 import os
 import pickle
@@ -20,15 +19,13 @@ import weakref
 from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import IO, Any
 
 from ..errors import Cancelled
 from . import compiled
 from .compiled import Floats, Found, Ints, Tree
 
 START = "import sys; sys.path.insert(0, sys.argv[1]); from {} import serve; serve()"
-# Imported there at once, while the first step runs here.
-LIBRARIES = ("skimage.measure._marching_cubes_lewiner", "igl", "fast_simplification")
 # Windows would open a console for it.
 NO_CONSOLE = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
@@ -40,29 +37,14 @@ class Gone(Exception):
 class Helper:
     """A process that calls functions of :mod:`napari_unwrap3d.geometry.compiled`.
 
-    It ends with :meth:`close`, or with this process. Several threads may use it; one waits
-    for the other.
-
-    Raises
-    ------
-    OSError
-        It cannot be started.
+    It begins with the first call, and ends with :meth:`close` or with this process. Several
+    threads may use it; one waits for the other.
     """
 
     def __init__(self) -> None:
-        # Elsewhere than in Python's own program (in a bundled one), this would start a window.
-        if not Path(sys.executable or "").stem.lower().startswith("python"):
-            raise OSError("There is no Python program to start.")
-        root = str(Path(__file__).parents[2])
-        self._process = subprocess.Popen(
-            [sys.executable, "-c", START.format(__name__), root],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.DEVNULL,
-            creationflags=NO_CONSOLE,
-        )
+        self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
-        self._closed = False
+        self._lost = self._closed = False
         self._keys = itertools.count()
         # Objects may be given up in the middle of anything: the process is told of it later.
         self._dropped: deque[int] = deque()
@@ -85,32 +67,60 @@ class Helper:
     def close(self) -> None:
         """End the process; who still waits for it is of a cancelled run, and gets that."""
         self._closed = True
-        self._process.kill()
-        self._process.wait()
+        if self._process is not None:
+            self._process.kill()
         with self._lock:
-            for pipe in (self._process.stdin, self._process.stdout):
-                assert pipe is not None
-                with contextlib.suppress(OSError):
-                    pipe.close()
+            self._end()
 
     def _ask(self, kind: str, name: str, arguments: tuple[Any, ...], key: int = -1) -> Any:
         with self._lock:
-            if self._closed:
+            if self._closed or self._lost:
                 raise Gone
             dropped = [self._dropped.popleft() for _ in range(len(self._dropped))]
             try:
-                assert self._process.stdin is not None
-                assert self._process.stdout is not None
-                _send(self._process.stdin, (kind, name, arguments, key, dropped))
-                good, answer = pickle.load(self._process.stdout)
+                questions, answers = self._pipes()
+                _send(questions, (kind, name, arguments, key, dropped))
+                good, answer = pickle.load(answers)
             except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
+                self._lost = True
+                self._end()
                 raise (Cancelled() if self._closed else Gone()) from error
         if good:
             return answer
         raise answer
 
+    def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
+        """To and from the process, which is started if it is not there yet."""
+        if self._process is None:
+            # Elsewhere than in Python's own program (in a bundle's), this would open a window.
+            if not Path(sys.executable or "").stem.lower().startswith("python"):
+                raise FileNotFoundError("There is no Python program to start.")
+            root = str(Path(__file__).parents[2])
+            self._process = subprocess.Popen(
+                [sys.executable, "-c", START.format(__name__), root],
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.DEVNULL,
+                creationflags=NO_CONSOLE,
+            )
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        return self._process.stdin, self._process.stdout
 
-def _send(pipe: BinaryIO, message: Any) -> None:
+    def _end(self) -> None:
+        process, self._process = self._process, None
+        if process is None:
+            return
+        process.kill()
+        process.wait()
+        for pipe in (process.stdin, process.stdout):
+            # What was not sent any more is of no use.
+            with contextlib.suppress(OSError):
+                if pipe is not None:
+                    pipe.close()
+
+
+def _send(pipe: IO[bytes], message: Any) -> None:
     pickle.dump(message, pipe, protocol=pickle.HIGHEST_PROTOCOL)
     pipe.flush()
 
@@ -119,8 +129,6 @@ def serve() -> None:
     """What the process does: answer until nobody asks any more."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
-    for library in LIBRARIES:
-        importlib.import_module(library)
     kept: dict[int, Any] = {}
     while True:
         try:
@@ -131,7 +139,7 @@ def serve() -> None:
             kept.pop(each, None)
         try:
             answer = getattr(kept[key] if kind == "call_kept" else compiled, name)(*arguments)
-        except Exception as error:  # it is raised where it was asked for
+        except Exception as error:  # noqa: BLE001 - it is raised where it was asked for
             _send(answers, (False, error))
             continue
         if kind == "keep":
@@ -151,8 +159,7 @@ def apart() -> Iterator[None]:
     with _lock:
         _users += 1
         if _users == 1:
-            with contextlib.suppress(OSError):
-                _helper = Helper()
+            _helper = Helper()
     try:
         yield
     finally:
