@@ -132,9 +132,6 @@ class Computation(QObject):
     # In the thread -----------------------------------------------------------
 
     def _compute(self) -> Atlas:
-        # Layers with features and plots need them later; importing would hold up the window.
-        importlib.import_module("pandas")
-        importlib.import_module("matplotlib.figure")
         pipeline = self._pipeline()
         with apart():
             pipeline.run(self._parameters, self._progress, until=self._until)
@@ -185,6 +182,10 @@ class Computation(QObject):
     def _show(self, charts: dict[str, Any], names: tuple[str, ...]) -> None:
         """Send the layers of those charts that are not in the viewer as they are."""
         assert self._known is not None
+        # Layers with features and plots need them; importing would hold up the window. Not
+        # before the first progress, which would wait for it.
+        importlib.import_module("pandas")
+        importlib.import_module("matplotlib.figure")
         shown = self._known.shown
         layout = Layout.of(charts, self._known.origin, self._box)
         layers: list[LayerData] = []

@@ -77,6 +77,8 @@ COPIES = "copies_of"
 # Nothing outside of the cell.
 MASK_COLOURS = np.array([[0.0, 0.0, 0.0, 0.0], [0.45, 0.75, 0.95, 1.0]])
 MASK_OPACITY = 0.5
+# For the graphics card bytes are 0..1, and napari gives it the threshold as it is.
+INSIDE = 255
 
 GAP = 0.08
 OVERHANG = 0.02
@@ -207,12 +209,12 @@ def _mask(mask: Mask, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
         "scale": mask.voxel_size,
         "translate": np.add(mask.origin, layout.origin),
         "colormap": MASK_COLOURS,
-        "contrast_limits": (0.0, 1.0),
+        "contrast_limits": (0.0, INSIDE),
         "rendering": "iso",
         "iso_threshold": 0.5,
         "interpolation2d": "nearest",
     }
-    return [(mask.data.view(np.uint8), attributes, "image")]
+    return [(mask.data.view(np.uint8) * np.uint8(INSIDE), attributes, "image")]
 
 
 def _surface(surface: Surface, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
