@@ -5,7 +5,8 @@
 A timer beats every 5 ms while a simulated cell of 120 and one of 200 voxels is unwrapped in a
 window, after a click on Run, and every chart is placed in it. What counts of a gap is what we
 make of it: what the window's thread worked, and what it waited for other threads of ours (for
-Python's lock). Given beside it are the time on the clock, which also counts what drawing the
+Python's lock), the latter no longer than these worked meanwhile: on a busy machine they, too,
+stand in the queue. Given beside it are the time on the clock, which also counts what drawing the
 canvas takes (by software where there is no graphics card) and what other programs and the
 computing threads take of the cores (the queue); and the largest of each.
 """
