@@ -46,7 +46,9 @@ def entries_of(found: Any) -> Entries:
     longest = max(delays, key=lambda chart: delays[chart])
     return {
         PROGRESS: SOON.entry(
-            seen.get("bar"), first_step_ms=results.significant(seen.get("step"), 3)
+            seen.get("bar"),
+            first_step_ms=results.significant(seen.get("step"), 3),
+            work_ms=results.significant(seen.get("work"), 3),
         ),
         CHARTS: LATE.entry(
             late,
