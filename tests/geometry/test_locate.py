@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import NotLocatedError
-from napari_unwrap3d.geometry import locate
+from napari_unwrap3d.geometry import compiled
 from napari_unwrap3d.geometry.locate import (
     LabelInterpolator,
     SphericalLocator,
@@ -193,8 +193,9 @@ def test_many_queries_let_other_threads_run_and_change_nothing(
     points = 2.0 * directions(503)
     arguments = (points,) if ask == "closest" else (points, np.zeros_like(points))
     whole = getattr(locator, ask)(*arguments)
-    monkeypatch.setattr(locate, "QUERIES", 100)
-    locator._tree = tree = CountedTree(locator._tree)
+    monkeypatch.setattr(compiled, "QUERIES", 100)
+    here = locator._tree._tree
+    here._tree = tree = CountedTree(here._tree)
     for once, parts in zip(whole, getattr(locator, ask)(*arguments), strict=True):
         np.testing.assert_array_equal(parts, once)
     assert tree.asked == [100] * 5 + [3]

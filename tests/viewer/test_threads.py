@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import concurrent.futures
 import gc
+import os
 import sys
 import threading
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
 from qtpy.QtCore import QObject, Signal
 
 from napari_unwrap3d.viewer import threads
-from napari_unwrap3d.viewer.threads import TURN_SECONDS, QuietCollector, Task
+from napari_unwrap3d.viewer.threads import STANDS_BACK, TURN_SECONDS, QuietCollector, Task
+from napari_unwrap3d.viewer.turns import Turns
 
 
 class Sender(QObject):
@@ -108,6 +111,45 @@ def test_threads_take_short_turns_while_a_task_runs(qtbot: Any) -> None:
         enough.set()
     assert first.wait(5.0)
     assert sys.getswitchinterval() == usual
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has a priority for each thread")
+def test_threads_stand_back_for_the_window_and_leave_it_alone(qtbot: Any) -> None:
+    own = os.getpriority(os.PRIO_PROCESS, 0)
+    if own > 19 - STANDS_BACK:
+        pytest.skip("nothing stands further back")
+    started: list[int] = []
+
+    def work() -> int:
+        inner = threading.Thread(target=lambda: started.append(priority()))
+        inner.start()
+        inner.join()
+        return priority()
+
+    def priority() -> int:
+        return os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+
+    task = Task(work)
+    with qtbot.waitSignal(task.returned, timeout=5000) as returned:
+        task.start()
+    assert task.wait(5.0)
+    assert returned.args[0] == own + STANDS_BACK
+    assert started == [own + STANDS_BACK], "those that it starts, too"
+    assert priority() == own
+
+
+def test_the_rest_between_two_turns_begins_when_a_turn_ends(qtbot: Any) -> None:
+    due: list[bool] = []
+    turns = Turns(rest_ms=1)
+
+    def work() -> Iterator[None]:
+        for _ in range(3):
+            due.append(turns._timer.isActive())
+            yield
+
+    turns.add(work())
+    qtbot.waitUntil(lambda: not turns.busy, timeout=5000)
+    assert due == [False] * 3, "a timer that runs during a long turn is due at its end"
 
 
 class Receiver(QObject):

@@ -10,6 +10,7 @@ from typing import Any
 import napari
 import numpy as np
 import pytest
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QDockWidget
 
 from napari_unwrap3d.atlas import Atlas
@@ -323,6 +324,47 @@ def test_progress_is_seen_as_soon_as_run_is_pressed(
     assert widget.progress_bar.isVisibleTo(widget), "without a turn of the event loop"
     widget.cancel_button.click()
     qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
+
+
+def test_progress_names_the_first_step_before_it_ends(
+    dock: Dock, qtbot: Any, fake_pipeline: Any
+) -> None:
+    _, widget = dock(**UM)
+    fake_pipeline.behaviour["stack"] = 60.0
+    qtbot.mouseClick(widget.run_button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: "Stack" in widget.progress_bar.format(), timeout=SECONDS)
+    assert widget.progress_bar.isVisibleTo(widget)
+    assert "stack" in widget.message.text()
+    assert not fake_pipeline.made[0].kept, "no step has ended"
+    widget.cancel_button.click()
+    qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
+
+
+def test_each_chart_is_there_before_the_next_but_one_step_ends(
+    dock: Dock, qtbot: Any, fake_pipeline: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    viewer, widget = dock(**UM)
+    there = {chart: threading.Event() for chart in fake_pipeline.charts}
+    missed: list[str] = []
+    compute = fake_pipeline._compute
+
+    def look(_: Any = None) -> None:
+        for chart in set(charts(viewer)) & set(there):
+            there[chart].set()
+
+    def compute_when_seen(pipeline: Any, step: str, progress: Any) -> None:
+        progress(0.0, "starting")
+        for earlier in STEP_NAMES[: max(STEP_NAMES.index(step) - 1, 0)]:
+            chart = "mask" if earlier == "stack" else earlier
+            if chart in there and not there[chart].wait(5.0):
+                missed.append(f"{chart} at the end of {step}")
+        compute(pipeline, step, progress)
+
+    viewer.layers.events.inserted.connect(look)
+    monkeypatch.setattr(fake_pipeline, "_compute", compute_when_seen)
+    run(widget, qtbot)
+    assert not missed
+    assert all(each.is_set() for each in there.values())
 
 
 @pytest.mark.usefixtures("every_chart")

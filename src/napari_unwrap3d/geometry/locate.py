@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numba
 import numpy as np
 import numpy.typing as npt
 from scipy import sparse
 
 from ..errors import NotLocatedError
+from .apart import TreeOf
 from .mesh import face_neighbors
 
 Floats = npt.NDArray[np.float64]
@@ -21,9 +20,6 @@ ON_EDGE = 1e-13
 # much a vertex's own label stays ahead.
 LABEL_SMOOTHINGS = 3
 LABEL_MARGIN = 0.05
-# libigl lets no other Python thread run during a query, and one far from the mesh may take
-# a twentieth of a millisecond: so many at a time hold a window up for no longer than 0.1 s.
-QUERIES = 2000
 
 
 class SphericalLocator:
@@ -122,19 +118,16 @@ class SurfaceLocator:
     """
 
     def __init__(self, vertices: Floats, faces: Ints) -> None:
-        import igl
-
         self._vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
-        self._tree = igl.AABB()
-        self._tree.init(self._vertices, self._faces)
+        self._tree = TreeOf(self._vertices, self._faces)
 
     def closest(self, points: npt.ArrayLike) -> tuple[Ints, Floats, Floats]:
         """Face (n,), barycentric weights (n, 3) and distance (n,) of the closest points."""
         query = np.ascontiguousarray(points, dtype=np.float64).reshape(-1, 3)
         if len(query) == 0:
             return np.zeros(0, np.int64), np.zeros((0, 3)), np.zeros(0)
-        face, closest, squared = _in_parts(self._closest, query)
+        face, closest, squared = self._tree.closest(query)
         weights = barycentric(self._vertices[self._faces[face]], closest)
         return face, weights, np.sqrt(np.maximum(squared, 0.0))
 
@@ -149,32 +142,10 @@ class SurfaceLocator:
         """
         origin = np.ascontiguousarray(start, dtype=np.float64)
         direction = np.ascontiguousarray(end - start, dtype=np.float64)
-        face, t, uv = _in_parts(self._first_hit, origin, direction)
+        face, t, uv = self._tree.first_hit(origin, direction)
         face = np.where((face >= 0) & (t <= 1.0 + 1e-9), face, -1)
         weights = np.column_stack([1.0 - uv.sum(axis=1), uv])
         return face, weights
-
-    def _closest(self, points: Floats) -> tuple[Ints, Floats, Floats]:
-        squared, face, closest = self._tree.squared_distance(self._vertices, self._faces, points)
-        return np.asarray(face, np.int64).ravel(), np.asarray(closest), np.asarray(squared).ravel()
-
-    def _first_hit(self, origin: Floats, direction: Floats) -> tuple[Ints, Floats, Floats]:
-        face, t, uv = self._tree.intersect_ray_first(self._vertices, self._faces, origin, direction)
-        face, t = np.asarray(face, np.int64).ravel(), np.asarray(t).ravel()
-        # Where nothing is hit libigl leaves what was in the memory.
-        return face, t, np.where(face[:, None] >= 0, np.reshape(uv, (-1, 2)), 0.0)
-
-
-def _in_parts(
-    query: Callable[..., tuple[Ints, Floats, Floats]], *rows: Floats
-) -> tuple[Ints, Floats, Floats]:
-    """What a query gives for each row of some arrays (n, 3), a part of the rows at a time."""
-    count = max(len(rows[0]), 1)
-    parts = [query(*(each[i : i + QUERIES] for each in rows)) for i in range(0, count, QUERIES)]
-    if len(parts) == 1:
-        return parts[0]
-    face, first, second = (np.concatenate(found) for found in zip(*parts, strict=True))
-    return face, first, second
 
 
 def barycentric(corners: Floats, points: Floats) -> Floats:

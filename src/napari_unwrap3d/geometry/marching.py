@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..errors import EmptyMaskError
+from . import apart
 
 CLAMP = 0.02
 
@@ -40,8 +41,6 @@ def clamped_marching_cubes(
     EmptyMaskError
         The field does not change sign.
     """
-    from skimage.measure import marching_cubes
-
     values = np.asarray(field, dtype=np.float32)
     if not (values.max() > 0 > values.min()):
         raise EmptyMaskError(
@@ -52,7 +51,7 @@ def clamped_marching_cubes(
         )
     limit = np.float32(clamp)
     values = np.where(values > 0, np.maximum(values, limit), np.minimum(values, -limit))
-    vertices, faces, _, _ = marching_cubes(values, 0.0, gradient_direction="ascent")
+    vertices, faces = apart.call("marched", values)
     return vertices.astype(np.float64), faces.astype(np.int64)
 
 

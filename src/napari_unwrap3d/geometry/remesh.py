@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..progress import Progress
+from . import apart
 from .mesh import face_neighbors
 
 Floats = npt.NDArray[np.float64]
@@ -30,10 +31,8 @@ def simplify(vertices: Floats, faces: Ints, target_vertices: int) -> tuple[Float
     """Quadric decimation to about `target_vertices` (no change if there are fewer)."""
     if target_vertices >= len(vertices):
         return vertices, faces
-    import fast_simplification
-
-    reduced, triangles = fast_simplification.simplify(
-        vertices.astype(np.float32), faces.astype(np.int32), target_count=2 * target_vertices
+    reduced, triangles = apart.call(
+        "decimated", vertices.astype(np.float32), faces.astype(np.int32), 2 * target_vertices
     )
     return np.asarray(reduced, dtype=np.float64), np.asarray(triangles, dtype=np.int64)
 

@@ -29,8 +29,8 @@ class ReferenceParameters(StepParameters):
     method: Literal["flow", "cortex", "second_cortex"] = setting(
         "flow",
         "Method",
-        "flow: smoothed by mean curvature flow (the paper's); cortex: the cell opened by a ball, so "
-        "that d = 0 is the cell's body and d the height of protrusions; second_cortex: opened by a "
+        "flow: smoothed by mean curvature flow (the paper's); cortex: the cell opened by a ball, "
+        "so that d = 0 is the cell's body and d the height of protrusions; second_cortex: by a "
         "larger ball where protrusions stand.",
         source="Step 1, flow",
     )

@@ -19,6 +19,7 @@ from qtpy.QtCore import QObject, Signal
 
 from ..atlas import Atlas
 from ..charts import Size3, Stack, Surface
+from ..geometry.apart import apart
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline
 from ..progress import Progress
@@ -131,11 +132,9 @@ class Computation(QObject):
     # In the thread -----------------------------------------------------------
 
     def _compute(self) -> Atlas:
-        # Layers with features and plots need them later; importing would hold up the window.
-        importlib.import_module("pandas")
-        importlib.import_module("matplotlib.figure")
         pipeline = self._pipeline()
-        pipeline.run(self._parameters, self._progress, until=self._until)
+        with apart():
+            pipeline.run(self._parameters, self._progress, until=self._until)
         atlas = self._complete(pipeline)
         charts = atlas_charts(atlas)
         self._show(charts, tuple(charts))
@@ -183,6 +182,10 @@ class Computation(QObject):
     def _show(self, charts: dict[str, Any], names: tuple[str, ...]) -> None:
         """Send the layers of those charts that are not in the viewer as they are."""
         assert self._known is not None
+        # Layers with features and plots need them; importing would hold up the window. Not
+        # before the first progress, which would wait for it.
+        importlib.import_module("pandas")
+        importlib.import_module("matplotlib.figure")
         shown = self._known.shown
         layout = Layout.of(charts, self._known.origin, self._box)
         layers: list[LayerData] = []

@@ -10,7 +10,7 @@ the whole viewer:
 ================================ ======= ============== ================================
 layer                            type    axes           placed
 ================================ ======= ============== ================================
-mask                             labels  z, y, x        where the cell is
+mask                             image   z, y, x        where the cell is
 surface                          surface z, y, x        where the cell is
 sealed surface                   surface z, y, x        where the cell is
 sealed places                    points  z, y, x        where the cell is
@@ -73,6 +73,12 @@ UNWRAPPED = ("uv", "direct", "plane", "topography")
 
 # In a layer's metadata, of a mesh that was cut for a texture: whose copy each vertex is.
 COPIES = "copies_of"
+
+# Nothing outside of the cell.
+MASK_COLOURS = np.array([[0.0, 0.0, 0.0, 0.0], [0.45, 0.75, 0.95, 1.0]])
+MASK_OPACITY = 0.5
+# For the graphics card bytes are 0..1, and napari gives it the threshold as it is.
+INSIDE = 255
 
 GAP = 0.08
 OVERHANG = 0.02
@@ -197,12 +203,18 @@ def chart_layers(name: str, charts: Mapping[str, Any], layout: Layout) -> list[L
 
 
 def _mask(mask: Mask, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:
-    attributes = _attributes("mask", "mask", SPACE, visible=False, opacity=0.4)
+    """An image, lit from the viewer: napari takes four times as long to insert labels in 3D."""
+    attributes = _attributes("mask", "mask", SPACE, visible=False, opacity=MASK_OPACITY)
     attributes |= {
         "scale": mask.voxel_size,
         "translate": np.add(mask.origin, layout.origin),
+        "colormap": MASK_COLOURS,
+        "contrast_limits": (0.0, INSIDE),
+        "rendering": "iso",
+        "iso_threshold": 0.5,
+        "interpolation2d": "nearest",
     }
-    return [(mask.data.view(np.uint8), attributes, "labels")]
+    return [(mask.data.view(np.uint8) * np.uint8(INSIDE), attributes, "image")]
 
 
 def _surface(surface: Surface, _: Mapping[str, Any], layout: Layout) -> list[LayerData]:

@@ -80,6 +80,9 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
             # napari prepares a visible mesh three times while it inserts it, a hidden one never.
             layer = _made(data, attributes | {"visible": False} if shown else attributes, kind)
             yield
+            # napari asks for it while it inserts the layer, and remembers it.
+            _ = layer.extent
+            yield
             with _undisturbed(viewer):
                 viewer.layers.insert(place, layer)
             added.append(layer)

@@ -18,13 +18,11 @@ from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Source
 from .binding import warn_of_binding
-from .canvas import canvas_of, open_canvas, opening
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
-from .layers import LayerData, atlas_charts, split_layers
-from .placing import chart_of, placing, remove_charts
+from .layers import LayerData, atlas_charts
+from .picture import Picture
 from .previews import Previews
-from .showing import fit_visible, hide_sources, show_cell
 from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 from .step_states import (
     DONE,
@@ -131,8 +129,7 @@ class Session(QObject):
         self.turns = Turns(self, TURN_MS, quiet_collector.renew)
         self._rest = soon(self, self._update, DEBOUNCE_MS)
         self._closed = False
-        # The view is set for the first charts; afterwards it belongs to the user.
-        self._turn_to_3d = self._fit_at_end = False
+        self._picture = Picture(viewer)
         self.previews: Previews | None = None
         self._update_states()
 
@@ -305,7 +302,7 @@ class Session(QObject):
         computation.ended.connect(self._on_ended)
         self._computation = computation
         self._closed = False
-        self._turn_to_3d = self._fit_at_end = not self._has_charts()
+        self._picture.begin()
         quiet_collector.hold(self)
         computation.start()
         self.running_changed.emit(True)
@@ -345,19 +342,10 @@ class Session(QObject):
             self.close()
         return super().eventFilter(watched, event)
 
-    def _has_charts(self) -> bool:
-        return any(chart_of(layer) for each in self._viewers() for layer in each.layers)
-
-    def _viewers(self) -> list[Any]:
-        """The viewer, and its second canvas if it is open."""
-        viewer = self._viewer()
-        canvas = None if viewer is None else open_canvas(viewer)
-        return [] if viewer is None else [viewer] if canvas is None else [viewer, canvas.model]
-
     def _forget_removed(self) -> None:
         """Charts whose layers the user removed are shown again by the next run."""
         if self._known is not None:
-            present = {chart_of(layer) for each in self._viewers() for layer in each.layers}
+            present = self._picture.charts
             self._known.shown = {
                 name: chart for name, chart in self._known.shown.items() if name in present
             }
@@ -366,8 +354,7 @@ class Session(QObject):
 
     def _on_source(self, known: Known) -> None:
         """The run is about another cell: nothing of the last one stays."""
-        for each in self._viewers():
-            remove_charts(each)
+        self._picture.clear()
         self._known = known
         self.atlas = None
         self._update_states()
@@ -383,24 +370,9 @@ class Session(QObject):
         self.turns.add(self._place(layers, charts))
 
     def _place(self, layers: list[LayerData], charts: dict[str, Any]) -> Iterator[None]:
-        viewer = self._viewer()
-        if viewer is None or self._closed:
+        if self._viewer() is None or self._closed:
             return
-        own, unwrapped = split_layers(layers)
-        yield from placing(viewer, own)
-        if unwrapped:
-            yield from opening(viewer)
-            yield from canvas_of(viewer).place(unwrapped)
-        if self._turn_to_3d and layers:
-            self._turn_to_3d = False
-            yield
-            # Before the first frame in 3D: without a graphics card that of a stack takes a second.
-            hide_sources(viewer)
-            yield
-            viewer.dims.ndisplay = 3
-            yield
-            viewer.reset_view()
-            fit_visible(viewer)
+        yield from self._picture.place(layers)
         yield
         self.charts = charts
         self.charts_changed.emit(charts)
@@ -453,7 +425,7 @@ class Session(QObject):
         self.set_source(layer)
         self._parameters, self._problems, self._failed = atlas.parameters, {}, None
         self._until, self._closed = STEP_NAMES[-1], False
-        self._turn_to_3d = self._fit_at_end = True
+        self._picture.begin()
         self.parameters_changed.emit(self._parameters)
         self.turns.add(self._place(layers, dict(atlas_charts(atlas))))
         self.turns.add(self._adopted(atlas))
@@ -465,9 +437,7 @@ class Session(QObject):
     def _finish(self, atlas: Atlas) -> None:
         self.atlas = atlas
         self._update_states()
-        viewer = self._viewer()
-        if self._fit_at_end and viewer is not None:
-            show_cell(viewer)
+        self._picture.finish()
         self.finished.emit(atlas)
 
     def _fail(self, error: BaseException) -> None:

@@ -41,14 +41,13 @@ class Turns(QObject):
         super().__init__(parent)
         self._after = after
         self._work: deque[Iterator[None]] = deque()
-        self._timer = QTimer(self)
-        self._timer.setInterval(rest_ms)
-        self._timer.timeout.connect(self._do_next)
+        self._timer = soon(self, self._do_next, rest_ms)
 
     def add(self, work: Iterator[None]) -> None:
         """Do some work after all that was added before."""
         self._work.append(work)
-        self._timer.start()
+        if not self._timer.isActive():
+            self._timer.start()
 
     @property
     def busy(self) -> bool:
@@ -61,14 +60,15 @@ class Turns(QObject):
         self._timer.stop()
 
     def _do_next(self) -> None:
-        if not self._work:
-            self._timer.stop()
-            return
         work = self._work[0]
         try:
             next(work)
         except StopIteration:
             if self._work and self._work[0] is work:
                 self._work.popleft()
+        finally:
+            # Only now: a timer that goes on would be due as soon as a long turn has ended.
+            if self._work:
+                self._timer.start()
         if self._after is not None:
             self._after()
