@@ -146,7 +146,7 @@ class ShellVolume:
         _, rows, columns = self.shape
         part = slice(*self.shell.starts[[low, max(low, high)]])
         pixel, values = self.shell.flat[part] % (rows * columns), self.values[part]
-        found = np.full(rows * columns, np.nan, self.dtype)
+        found: Values = np.full(rows * columns, np.nan, self.dtype)
         if high - low == 1:
             found[pixel] = values
         elif self.projection == "max":

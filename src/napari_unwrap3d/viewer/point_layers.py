@@ -16,6 +16,7 @@ from .drawing import AXES
 from .layers import KEY, SPACE, UNIT
 from .placing import chart_of
 from .threads import tell
+from .turns import soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -56,6 +57,7 @@ class PointLayers(QObject):
         self._annotations: Annotations | None = None
         self._layers: dict[str, Points] = {}
         self._syncing = False
+        self._timer = soon(self, self._raise)
 
     def show(self, annotations: Annotations) -> None:
         """Show the points of this cell."""
@@ -75,6 +77,7 @@ class PointLayers(QObject):
         """Show points in the second canvas, too, and set them there."""
         canvas.chart_changed.connect(self.fill)
         canvas.charts_changed.connect(self.fill)
+        canvas.model.layers.events.inserted.connect(self._raise_later)
         canvas.model.mouse_drag_callbacks.append(self._on_press)
 
     def layer(self, chart: str) -> Points | None:
@@ -127,6 +130,8 @@ class PointLayers(QObject):
         try:
             layer.selected_data = set()
             layer.data = shown
+            # One that is hidden would look for the names of points that are gone.
+            layer.set_view_slice()
             # napari selects what is new, and draws a box over it.
             layer.selected_data = set()
             shown_names = [_beside(name, chart) for name in names]
@@ -137,6 +142,21 @@ class PointLayers(QObject):
             layer.refresh_text()
         finally:
             self._syncing = False
+
+    def _raise_later(self, _: Any = None) -> None:
+        self._timer.start()
+
+    def _raise(self) -> None:
+        """Points are seen over what is drawn."""
+        canvas = self._annotating.canvas
+        if canvas is None:
+            return
+        layers = canvas.model.layers
+        for layer in self._layers.values():
+            if layer in layers and any(
+                type(each) is not Points for each in layers[layers.index(layer) :]
+            ):
+                layers.move(layers.index(layer), len(layers))
 
     def _make(self, chart: str) -> None:
         viewer, atlas = self._viewer(), self._annotating.atlas

@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import Unwrap3DError
+from .annotating import open_annotating
 from .canvas import open_canvas
 from .layers import KEY, UNWRAPPED
 from .placing import chart_of
@@ -58,6 +59,9 @@ def view_of(viewer: Any) -> dict[str, Any]:
             "limits": [float(limit) for limit in colouring.limits],
         }
         view["depth"] = depth.state()
+    annotating = open_annotating(viewer)
+    if annotating is not None:
+        view["annotations"] = annotating.state()
     return view
 
 
@@ -116,6 +120,12 @@ def _depth(viewer: Any, known: Mapping[str, Any]) -> None:
         canvas.depth_bar.restore(known)
 
 
+def _annotations(viewer: Any, known: Mapping[str, Any]) -> None:
+    annotating = open_annotating(viewer)
+    if annotating is not None:
+        annotating.restore(known)
+
+
 # In the order in which they are put back.
 _PARTS: dict[str, Callable[..., None]] = {
     "layers": _layers,
@@ -124,6 +134,7 @@ _PARTS: dict[str, Callable[..., None]] = {
     "canvas": _canvas,
     "colouring": _colouring,
     "depth": _depth,
+    "annotations": _annotations,
 }
 
 
