@@ -131,9 +131,11 @@ class ShellVolume:
             low, high, step = first.indices(len(self))
             if step != 1:
                 raise IndexError("Layers are read one by one, or all between two.")
-            return self._between(low, high)[(slice(None), *others)]
+            several: Values = self._between(low, high)[(slice(None), *others)]
+            return several
         layer = range(len(self))[first]
-        return self._between(layer, layer + 1)[(0, *others)]
+        found: Values = self._between(layer, layer + 1)[(0, *others)]
+        return found
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """The whole volume, filled."""
@@ -146,7 +148,7 @@ class ShellVolume:
         _, rows, columns = self.shape
         part = slice(*self.shell.starts[[low, max(low, high)]])
         pixel, values = self.shell.flat[part] % (rows * columns), self.values[part]
-        found: Values = np.full(rows * columns, np.nan, self.dtype)
+        found = np.full(rows * columns, np.nan, self.dtype)
         if high - low == 1:
             found[pixel] = values
         elif self.projection == "max":

@@ -16,7 +16,7 @@ from .drawing import AXES
 from .layers import KEY, SPACE, UNIT
 from .placing import chart_of
 from .threads import tell
-from .turns import soon
+from .turns import Turns, soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -58,15 +58,17 @@ class PointLayers(QObject):
         self._layers: dict[str, Points] = {}
         self._syncing = False
         self._timer = soon(self, self._raise)
+        self._turns = Turns(self)
 
     def show(self, annotations: Annotations) -> None:
         """Show the points of this cell."""
         self._annotations = annotations
         annotations.points.changed.connect(self.fill)
-        self.fill()
+        self._turns.add(self._filling())
 
     def leave(self) -> None:
         """Take all layers away."""
+        self._turns.clear()
         if self._annotations is not None:
             self._annotations.points.changed.disconnect(self.fill)
             self._annotations = None
@@ -103,6 +105,11 @@ class PointLayers(QObject):
 
     def fill(self, _: Any = None) -> None:
         """Show the points as they are."""
+        for _ in self._filling():
+            pass
+
+    def _filling(self) -> Iterator[None]:
+        """Do what :meth:`fill` does, a chart per step."""
         if self._annotations is None:
             return
         canvas = self._annotating.canvas
@@ -111,6 +118,7 @@ class PointLayers(QObject):
             charts.append(str(canvas.chart))
         for chart in {*charts, *self._layers}:
             self._fill(chart)
+            yield
 
     def _fill(self, chart: str) -> None:
         assert self._annotations is not None

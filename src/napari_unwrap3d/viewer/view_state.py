@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import Unwrap3DError
@@ -67,9 +67,16 @@ def view_of(viewer: Any) -> dict[str, Any]:
 
 def show_view(viewer: Any, view: Mapping[str, Any]) -> None:
     """Make a window look as it did; what is missing or makes no sense stays as it is."""
+    for _ in showing_view(viewer, view):
+        pass
+
+
+def showing_view(viewer: Any, view: Mapping[str, Any]) -> Iterator[None]:
+    """Do what :func:`show_view` does in pieces."""
     for part, restore in _PARTS.items():
         if part in view:
             _try(part, restore, viewer, view[part])
+            yield
 
 
 def _try(what: str, restore: Callable[..., None], *arguments: Any) -> None:
