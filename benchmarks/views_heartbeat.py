@@ -14,12 +14,10 @@ computing threads take of the cores (the queue); and the largest of each.
 from __future__ import annotations
 
 import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 from common import results
-from common.children import run_child
+from common.children import options_of, run_child
 from common.live_run import LIMIT_S, PARAMETERS, run
 from common.results import Bar, Entries
 from common.window import on_a_display
@@ -58,12 +56,7 @@ def _counted(gap: Any) -> float:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, choices=PARAMETERS, help="only this one")
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        size, answer = options.child
-        Path(answer).write_text(json.dumps(run(int(size))), "utf-8")
-        return
+    options = options_of(parser, lambda size: run(int(size)), 1)
     on_a_display()
     for size in [options.size] if options.size else PARAMETERS:
         found = run_child(__file__, str(size), limit_s=LIMIT_S)

@@ -163,7 +163,7 @@ class ForgetfulTree:
 
 def test_a_miss_has_finite_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     locator = SurfaceLocator(*icosphere(1))
-    monkeypatch.setattr(locator, "_tree", ForgetfulTree())
+    monkeypatch.setattr(locator._tree._tree, "_tree", ForgetfulTree())
     way = directions(3)
     face, weights = locator.first_hit(2 * way, 3 * way)
     assert (face == -1).all()

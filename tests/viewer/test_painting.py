@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mouse
 import numpy as np
 import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
-from viewer.hand import LEFT, NONE, Hand, covered, hover
+from viewer.hand import LEFT, NONE, Hand, covered
 from viewer.opened import SECONDS
 
 
@@ -143,7 +144,7 @@ def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
         before = tuple(model.cursor.position)
 
         def moved() -> bool:
-            hover(hand.main, place)
+            mouse.move(hand.main, place)
             return tuple(model.cursor.position) != before
 
         hand.qtbot.waitUntil(moved)
@@ -226,6 +227,14 @@ def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
     assert len(shown.layer("uv").data) == 1
     hand.widget.undo_button.click()
     assert len(shown.layer("surface").data) == 2
+    # Seen over what is drawn; and in a view that is not looked at, none is left over.
+    model = hand.canvas.model
+    hand.qtbot.waitUntil(lambda: model.layers[-1] is shown.layer("uv"))
+    hand.show("topography")
+    for name in list(points.positions):
+        points.remove(name)
+    hand.show("uv")
+    assert [len(shown.layer(chart).data) for chart in ("surface", "uv", "topography")] == [0, 0, 0]
 
 
 def test_drawing_in_the_topography_marks_where_the_surface_is(hand: Hand) -> None:
