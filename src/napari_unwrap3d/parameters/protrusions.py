@@ -31,14 +31,6 @@ class ProtrusionParameters(StepParameters):
         gt=0,
         lt=1,
     )
-    second_radius: float = setting(
-        0.65,
-        "Radius under protrusions",
-        "The same for the cortex under the footprints of the protrusions that were found: a "
-        "larger ball does not rise into wide ones.",
-        gt=0,
-        lt=1,
-    )
     threshold_um: float | None = setting(
         None,
         "Threshold",

@@ -20,7 +20,7 @@ from ..geometry.topology import box_around
 from ..geometry.voxel_graph import voxel_graph
 from ..parameters import ProtrusionParameters
 from ..progress import Progress
-from .cortex import Field, Solid, depth, opening
+from .cortex import Field, Solid, continued, depth, largest_radius, opening
 from .instances import Rules, automatic_threshold, find_instances, roughness
 from .segment import Segmentation
 from .volumes import down_to_cortex
@@ -28,6 +28,8 @@ from .volumes import down_to_cortex
 Labels = npt.NDArray[np.int32]
 
 MARGIN = 3
+# Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
+REACH = 0.2
 # In voxels; one less wide or high cannot be told from the roughness of the mask.
 LEAST_AREA = 60.0
 LEAST_HEIGHT = 2.5
@@ -55,38 +57,34 @@ def over_cortex(
     """
     cell = _Cell.of(mask, surface)
     progress(0.0, "opening the cell by a ball")
-    depths = progress.run(depth, cell.mask)
-    largest = float(depths.max())
-    first = progress.run(opening, depths, parameters.radius * largest)
-    at_vertices = sample_linear(first.height, cell.points)
+    largest = progress.run(largest_radius, cell.mask)
+    radius = parameters.radius * largest
+    opened = progress.run(opening, progress.run(depth, cell.mask, radius), radius)
+    at_vertices = sample_linear(opened.height, cell.points)
 
     progress(0.4, "telling protrusions apart")
     rules = _rules(at_vertices, parameters, cell.voxel_um)
-    labels = progress.run(_instances, cell.mask, first.height, rules)
+    labels = progress.run(_instances, cell.mask, opened.height, rules)
     labels = _renumbered(labels, _large_enough(cell, labels, at_vertices, parameters))
 
     progress(0.7, "carrying them down to the cortex")
-    second = progress.run(opening, depths, parameters.second_radius * largest)
-    labels = progress.run(
-        down_to_cortex, cell.mask, labels, first.height, second.height, rules.threshold
-    )
+    reach = REACH * radius
+    height = progress.run(continued, cell.mask, opened, labels > 0, rules.threshold, reach)
+    labels = progress.run(down_to_cortex, cell.mask, labels, height, rules.threshold, reach)
     labels = _renumbered(labels, _by_volume(labels))
     progress(0.9, "carrying them to the surface")
-    of_vertex = cell.at_vertices(labels)
-    height = _height(at_vertices, sample_linear(second.height, cell.points), of_vertex)
     volume = np.zeros(mask.shape, np.int32)
     volume[cell.box] = labels
     numbers = {
         "largest_radius_um": largest * cell.voxel_um,
-        "radius_um": first.radius * cell.voxel_um,
-        "second_radius_um": second.radius * cell.voxel_um,
+        "radius_um": radius * cell.voxel_um,
         "threshold_um": rules.threshold * cell.voxel_um,
         "kind": parameters.kind,
         "kind_reason": "chosen" if parameters.kind != "automatic" else "all kinds alike",
     }
     return Segmentation(
-        labels=of_vertex,
-        height_um=height * cell.voxel_um,
+        labels=cell.at_vertices(labels),
+        height_um=sample_linear(height, cell.points).astype(float) * cell.voxel_um,
         volume=volume,
         cortex=np.asarray(mask.data) & (volume == 0),
         numbers=numbers,
@@ -164,8 +162,3 @@ def _renumbered(labels: Labels, kept: list[int]) -> Labels:
     new = np.zeros(int(labels.max(initial=0)) + 1, np.int32)
     new[kept] = np.arange(1, len(kept) + 1)
     return new[labels]
-
-
-def _height(first: Field, second: Field, labels: Labels) -> Floats:
-    """Over the first opening, and where there is a protrusion over the second one."""
-    return np.where(labels > 0, np.maximum(first, second), first).astype(float)
