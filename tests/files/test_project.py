@@ -98,6 +98,22 @@ def test_protrusions_without_a_row_come_back(tmp_path: Path, atlas: Atlas) -> No
     assert_same(load_project(path).protrusions, none)
 
 
+@pytest.mark.parametrize("wrong", ["vertex", "voxel", "row", "motif"])
+def test_protrusions_that_point_at_nothing_are_refused(
+    tmp_path: Path, atlas: Atlas, wrong: str
+) -> None:
+    found = atlas.protrusions
+    changes: dict[str, Any] = {
+        "vertex": {"labels": found.labels - 1},
+        "voxel": {"volume": replace(found.volume, data=found.volume.data - 1)},
+        "row": {"columns": {**found.columns, "label": found.columns["label"] - 1}},
+        "motif": {"columns": {**found.columns, "motif": found.columns["motif"] + 3}},
+    }
+    bad = atlas.replaced(on_request={"protrusions": replace(found, **changes[wrong])})
+    with pytest.raises(FileFormatError, match=wrong):
+        load_project(save_project(bad, tmp_path / "bad"))
+
+
 def test_bits_survive_whatever_the_values_are(tmp_path: Path, atlas: Atlas) -> None:
     rng = np.random.default_rng(1)
     nodes = atlas.topography.nodes
