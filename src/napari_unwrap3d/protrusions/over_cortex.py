@@ -29,7 +29,9 @@ Labels = npt.NDArray[np.int32]
 
 MARGIN = 3
 # Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
-REACH = 0.2
+REACH = 0.25
+# And how far around what stands over the threshold that foot is a part of the protrusion.
+FOOT = 0.11
 # In voxels; one less wide or high cannot be told from the roughness of the mask.
 LEAST_AREA = 60.0
 LEAST_HEIGHT = 2.5
@@ -70,7 +72,8 @@ def over_cortex(
     progress(0.7, "carrying them down to the cortex")
     reach = REACH * radius
     height = progress.run(continued, cell.mask, opened, labels > 0, rules.threshold, reach)
-    labels = progress.run(down_to_cortex, cell.mask, labels, height, rules.threshold, reach)
+    foot = FOOT * radius
+    labels = progress.run(down_to_cortex, cell.mask, labels, height, rules.threshold, foot)
     labels = _renumbered(labels, _by_volume(labels))
     progress(0.9, "carrying them to the surface")
     volume = np.zeros(mask.shape, np.int32)
