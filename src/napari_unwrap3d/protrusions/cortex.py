@@ -18,7 +18,7 @@ from ..geometry.distance import FAR, distance_to, power_distance
 from ..geometry.laplacian import Factor, cotangent_laplacian, mass_matrix
 from ..geometry.marching import clamped_marching_cubes
 from ..geometry.mesh import vertex_normals
-from ..geometry.topology import largest_part
+from ..geometry.topology import euler_characteristic, largest_part
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -29,6 +29,7 @@ Solid = npt.NDArray[np.bool_]
 SMOOTHING = 1.0
 LEAST_SHARE = 0.05  # of the smoothed mask, beyond which a voxel is as far as one can tell
 LEAST_MASS = 1e-3  # voxel² around a vertex, as slivers of marching cubes have next to none
+TUNNEL = 0.2  # how wide a hole is filled, as a part of the ball's radius
 SHELL = 2.0  # thickness of the layer of centres that is enough to draw the opened cell
 
 
@@ -52,6 +53,26 @@ class Opening:
 def largest_radius(mask: Solid) -> float:
     """Radius in voxels of the largest ball within a solid."""
     return float(distance_to(~mask).max()) - 0.5
+
+
+def without_tunnels(mask: Solid, radius: float) -> Solid:
+    """The solid with narrow holes through its body filled, as a ball cannot pass beside them.
+
+    A hole is filled where it is closed by a ball of a fifth of `radius` and lies within the
+    cortex of what results; gaps between protrusions stay open. A solid without handles is
+    returned as it is.
+    """
+    if euler_characteristic(mask) == 1:
+        return mask
+    reach = TUNNEL * radius
+    room = int(np.ceil(reach)) + 1
+    padded = np.pad(mask, room)
+    closed = distance_to(distance_to(padded) > reach) > reach
+    inner = tuple(slice(room, -room) for _ in range(3))
+    closed = np.ascontiguousarray(closed[inner]) | mask
+    deep = opening(depth(closed, radius), radius).height < -reach
+    filled: Solid = mask | (closed & deep)
+    return filled
 
 
 def depth(mask: Solid, at: float) -> Field:
