@@ -114,7 +114,7 @@ def test_a_ring_gets_a_plug_instead_of_its_membrane() -> None:
     chart = reference(sealed, SMALL, silent())
     assert 1 <= middle <= 2 < chart.mask.data[:, 25, 25].sum()
     assert euler_characteristic(chart.faces) == 2
-    plugged_mesh = reference_step.plugged(sealed, sealed.mask)
+    plugged_mesh = reference_step.plugged_surface(sealed)
     assert euler_characteristic(plugged_mesh[1]) == 2
     assert signed_volume(*plugged_mesh) > signed_volume(sealed.vertices, sealed.faces)
 
@@ -127,7 +127,7 @@ def test_a_cut_becomes_a_gap() -> None:
         mask, plain, SurfaceParameters(), SealedParameters(handles="cut"), silent()
     )
     assert cut.membranes is None or cut.membranes.data.sum() <= 2
-    opened, faces = reference_step.plugged(cut, cut.mask)
+    opened, faces = reference_step.plugged_surface(cut)
     assert euler_characteristic(faces) == 2
     assert signed_volume(opened, faces) < signed_volume(cut.vertices, cut.faces)
     # The hole stays a hole: nothing of the mesh is near the middle of the ring.
@@ -137,7 +137,7 @@ def test_a_cut_becomes_a_gap() -> None:
 
 def test_without_membranes_the_flow_starts_from_the_sealed_surface() -> None:
     sealed = sealed_of(Mask(ball(10, 33), (0.1,) * 3))
-    vertices, faces = reference_step.plugged(sealed, sealed.mask)
+    vertices, faces = reference_step.plugged_surface(sealed)
     assert vertices is sealed.vertices
     assert faces is sealed.faces
 

@@ -30,21 +30,14 @@ class ReferenceParameters(StepParameters):
         "flow",
         "Method",
         "flow: smoothed by mean curvature flow (the paper's); cortex: the cell opened by a ball, "
-        "so that d = 0 is the cell's body and d the height of protrusions; second_cortex: by a "
-        "larger ball where protrusions stand.",
+        "so that d = 0 is the cell's body and d the height of protrusions; second_cortex: the "
+        "same, going on smoothly under the footprints of protrusions, into which the ball rises.",
         source="Step 1, flow",
     )
     cortex_radius: float = setting(
         0.45,
         "Cortex radius",
         "With cortex: radius of the ball, as a part of the largest ball that fits into the cell.",
-        gt=0,
-        lt=1,
-    )
-    cortex_second_radius: float = setting(
-        0.65,
-        "Radius under protrusions",
-        "With second_cortex: the same where protrusions stand.",
         gt=0,
         lt=1,
     )

@@ -1,4 +1,4 @@
-"""The body of a cell as a solid: what a ball reaches from within."""
+"""The body of a cell: what a ball reaches from within."""
 
 from __future__ import annotations
 
@@ -6,25 +6,21 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from ..geometry.distance import distance_to
 from ..geometry.topology import box_around
 from ..progress import Progress
-from ..protrusions.cortex import depth, opening
+from ..protrusions.cortex import continued, depth, largest_radius, opening, without_tunnels
 from ..protrusions.instances import automatic_threshold
 
 Solid = npt.NDArray[np.bool_]
 Field = npt.NDArray[np.float32]
 
 MARGIN = 3
-# So far around what stands out, as a part of the largest inscribed radius, the second ball
-# takes the place of the first.
-FOOTPRINT = 0.15
+# Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
+REACH = 0.25
 FAR_OUTSIDE = np.float32(10.0)
 
 
-def cortex_depth(
-    solid: Solid, radius: float, second_radius: float | None, progress: Progress
-) -> Field:
+def cortex_depth(solid: Solid, radius: float, twice: bool, progress: Progress) -> Field:
     """Depth below the surface of a solid's body, which is the solid opened by a ball.
 
     Parameters
@@ -32,8 +28,9 @@ def cortex_depth(
     solid : ndarray, (z, y, x) bool
     radius : float
         Of the ball, as a part of the largest ball that fits in.
-    second_radius : float or None
-        Of the ball around what stands out of the first one's cortex; None for one pass.
+    twice : bool
+        Whether the body goes on smoothly under what stands out of it, into which a ball
+        rises; see :func:`.continued`.
     progress : Progress
 
     Returns
@@ -44,15 +41,15 @@ def cortex_depth(
     box = box_around(solid, MARGIN)
     inner = np.ascontiguousarray(solid[box])
     progress(0.0, "opening the cell by a ball")
-    depths = progress.run(depth, inner)
-    largest = float(depths.max())
-    level = progress.run(opening, depths, radius * largest).height
-    if second_radius is not None:
+    ball = radius * largest_radius(inner)
+    whole = progress.run(without_tunnels, inner, ball)
+    opened = progress.run(opening, progress.run(depth, whole, ball), ball)
+    height = opened.height
+    if twice:
         shell = inner & ~ndimage.binary_erosion(inner)
-        above = inner & (level > automatic_threshold(level[shell]))
-        second = progress.run(opening, depths, second_radius * largest).height
-        near = distance_to(above) <= FOOTPRINT * largest
-        level = np.where(near, np.maximum(level, second), level)
-    depth_below = np.full(solid.shape, -FAR_OUTSIDE, np.float32)
-    depth_below[box] = np.maximum(-level, -FAR_OUTSIDE)
-    return depth_below
+        threshold = automatic_threshold(height[shell])
+        above = inner & (height > threshold)
+        height = progress.run(continued, inner, opened, above, threshold, REACH * ball)
+    below = np.full(solid.shape, -FAR_OUTSIDE, np.float32)
+    below[box] = np.maximum(-height, -FAR_OUTSIDE)
+    return below

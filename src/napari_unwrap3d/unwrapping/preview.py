@@ -21,7 +21,7 @@ from ..parameters import ReferenceParameters
 from ..progress import Progress
 from .cortex_fit import fit_to
 from .flow import curvature_flow
-from .reference import coarsened, plugged
+from .reference import coarsened, plugged_surface
 
 PREVIEW_VERTICES = 30_000
 # Iterations kept beyond the one at which the flow stopped, and the least number of them.
@@ -87,7 +87,7 @@ def flow_preview(
     """
     if sealed.mask is None:
         raise ParameterError("The sealed surface has no mask.", hint="Make it with seal().")
-    start, faces = coarsened(*plugged(sealed, sealed.mask), progress.part(0.0, 0.1), most=vertices)
+    start, faces = coarsened(*plugged_surface(sealed), progress.part(0.0, 0.1), most=vertices)
     fixed = {
         "stop": "fixed",
         "fixed_iteration": iterations,

@@ -122,12 +122,7 @@ def smoothed_solid(
 ) -> tuple[npt.NDArray[np.bool_], Flow]:
     """The flowed surface where it came from, as a topological ball on the grid."""
     assert sealed.mask is not None
-    plugs = plugged(sealed, sealed.mask)
-    closed = (sealed.vertices, sealed.faces)
-    if plugs is not None:
-        closed = clamped_marching_cubes(level_function(plugs, 1.0))
-        closed = sealed.mask.to_world(closed[0]), closed[1]
-    start, faces = coarsened(*closed, progress.part(0.0, 0.05))
+    start, faces = coarsened(*plugged_surface(sealed), progress.part(0.0, 0.05))
     # The paper's mean is over the vertices of the surface itself, not of the coarser one.
     flow = curvature_flow(
         start, faces, parameters, progress.part(0.05, 0.6), mean_over=len(sealed.vertices)
@@ -152,9 +147,8 @@ def opened_cell(
     assert sealed.mask is not None
     plugs = plugged(sealed, sealed.mask)
     solid = np.pad(sealed.mask.data if plugs is None else plugs, BORDER_VOXELS)
-    second = parameters.cortex_second_radius if parameters.method == "second_cortex" else None
-    part = progress.part(0.0, 0.6)
-    level = cortex_depth(solid, parameters.cortex_radius, second, part)
+    twice = parameters.method == "second_cortex"
+    level = cortex_depth(solid, parameters.cortex_radius, twice, progress.part(0.0, 0.6))
     closed = level > 0
     if plugs is not None:  # what closes a hole stays, however thin
         closed |= np.pad(plugs & ~sealed.mask.data, BORDER_VOXELS)
@@ -162,6 +156,16 @@ def opened_cell(
     ball = seal(largest_part(closed))
     smooth = ndimage.gaussian_filter(level, parameters.smoothing_voxels)
     return ball, field_with_sign(smooth, ball)
+
+
+def plugged_surface(sealed: SealedSurface) -> tuple[Floats, Ints]:
+    """The sealed surface, or that of its :func:`plugged` solid where there is one."""
+    assert sealed.mask is not None
+    plugs = plugged(sealed, sealed.mask)
+    if plugs is None:
+        return sealed.vertices, sealed.faces
+    vertices, faces = clamped_marching_cubes(level_function(plugs, 1.0))
+    return sealed.mask.to_world(vertices), faces
 
 
 def plugged(sealed: SealedSurface, mask: Mask) -> npt.NDArray[np.bool_] | None:
