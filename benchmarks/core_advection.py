@@ -10,15 +10,13 @@ them; the ratio without them is in the entry, too.
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import measures, results
 from common.cases import simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from core_speed import WARM_UP_ROWS, parameters, tiny_cell
 
@@ -131,12 +129,7 @@ def rounded(values: dict[str, Any]) -> dict[str, Any]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        kind, answer = options.child
-        Path(answer).write_text(json.dumps(run_kind(kind)), "utf-8")
-        return
+    options_of(parser, run_kind, 1)
     for kind in KINDS:
         entries = entry(kind, run_child(__file__, kind, limit_s=LIMIT_S))
         results.show(entries)

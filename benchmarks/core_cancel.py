@@ -9,16 +9,14 @@ steps before it are taken from the first run, and the step it falls into starts 
 from __future__ import annotations
 
 import argparse
-import json
 import threading
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import results
 from common.cases import FULL, simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from core_speed import parameters
 
@@ -115,11 +113,7 @@ def entry(found: Any) -> Entries:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        Path(options.child[0]).write_text(json.dumps(run_all()), "utf-8")
-        return
+    options_of(parser, run_all)
     found = run_child(__file__, limit_s=LIMIT_S)
     entries = entry(found)
     results.show(entries)

@@ -11,13 +11,12 @@ from __future__ import annotations
 import argparse
 import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import measures, regions, requested, results
 from common.cases import FULL, Case, all_cases
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries, Entry
 
 import napari_unwrap3d as unwrap3d
@@ -168,6 +167,11 @@ MEASUREMENTS = (
 # One case --------------------------------------------------------------------------------
 
 
+def run_named(name: str, rows: str) -> dict[str, Any]:
+    """The case of a name on a grid of so many rows."""
+    return run_case(Case(**(vars(all_cases()[name]) | {"rows": int(rows)})))
+
+
 def run_case(case: Case) -> dict[str, Any]:
     """Unwrap one case and measure every chart: entries and a log of timings."""
     times: dict[str, float] = {}
@@ -233,14 +237,8 @@ def main() -> None:
     parser.add_argument("--missing", action="store_true", help="cases without a result only")
     parser.add_argument("--rows", type=int, help="another grid; the results are shown, not kept")
     parser.add_argument("--list", action="store_true", help="show the names of the cases")
-    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = options_of(parser, run_named, 2)
     cases = all_cases()
-    if options.child:
-        name, rows, answer = options.child
-        found = run_case(Case(**(vars(cases[name]) | {"rows": int(rows)})))
-        Path(answer).write_text(json.dumps(found, default=_plain), "utf-8")
-        return
     chosen = [cases[name] for name in options.only or cases]
     if options.missing:
         done = results.read()
@@ -289,10 +287,6 @@ def keep_fraction(cases: dict[str, Case]) -> Entries:
     entry = BARS["charts"].entry(fraction, cases=len(expected), note="; ".join(failed))
     entry["unit"] = "of cases"
     return results.merge({"core/reached/all": entry})
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if hasattr(value, "item") else str(value)
 
 
 if __name__ == "__main__":

@@ -11,15 +11,13 @@ with the defaults; filopodia also with the preset for them, which smooths longer
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import measures, results
 from common.cases import SEEDS, simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from scipy import ndimage
 
@@ -92,12 +90,7 @@ def entries_of(kind: str, preset: str, found: list[Any]) -> Entries:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=4, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        kind, preset, seed, answer = options.child
-        Path(answer).write_text(json.dumps(run_cell(kind, preset, int(seed))), "utf-8")
-        return
+    options_of(parser, lambda kind, preset, seed: run_cell(kind, preset, int(seed)), 3)
     for kind, preset in RUNS:
         found = [run_child(__file__, kind, preset, str(seed), limit_s=LIMIT_S) for seed in SEEDS]
         entries = entries_of(kind, preset, found)

@@ -11,7 +11,6 @@ docs/growth.png, shows all entries there are.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import tempfile
 from pathlib import Path
@@ -19,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from common import results
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from core_speed import run_once
 
@@ -78,14 +77,9 @@ def _series(entries: Entries, rows: int, key: str) -> list[tuple[int, float]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
     parser.add_argument("--sizes", nargs="*", type=int, choices=SIZES, default=SIZES)
     parser.add_argument("--rows", nargs="*", type=int, choices=ROWS, default=ROWS)
-    options = parser.parse_args()
-    if options.child:
-        mask_file, rows, answer = options.child
-        Path(answer).write_text(json.dumps(run_once(mask_file, int(rows))), "utf-8")
-        return
+    options = options_of(parser, lambda file, rows: run_once(file, int(rows)), 2)
     core = max(os.sched_getaffinity(0))
     with tempfile.TemporaryDirectory() as folder:
         file = str(Path(folder) / "mask.npz")

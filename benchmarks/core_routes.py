@@ -14,17 +14,15 @@ way through the reference.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import measures, regions, results
 from common.cases import FULL, simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.grids import mesh_of_image
 from common.requested import log_area
 from common.results import Bar, Entries
@@ -249,11 +247,7 @@ def rounded(item: Any) -> Any:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        Path(options.child[0]).write_text(json.dumps(run_all()), "utf-8")
-        return
+    options_of(parser, run_all)
     entries = entries_of(run_child(__file__, limit_s=LIMIT_S))
     results.show(entries)
     results.merge(entries)

@@ -12,7 +12,6 @@ and the mask comes from a file, so that the peak is the pipeline's own.
 from __future__ import annotations
 
 import argparse
-import json
 import os
 import resource
 import sys
@@ -24,7 +23,7 @@ from typing import Any
 import numpy as np
 from common import results
 from common.cases import FULL, HALF, simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 
 import napari_unwrap3d as unwrap3d
@@ -115,13 +114,7 @@ def two_cores(mask_file: str, cores: list[int]) -> Entries:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=3, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        mask_file, rows, answer = options.child
-        found = run_once(mask_file, int(rows))
-        Path(answer).write_text(json.dumps(found), "utf-8")
-        return
+    options_of(parser, lambda file, rows: run_once(file, int(rows)), 2)
     cores = sorted(os.sched_getaffinity(0))
     mask = simulated("blebs", 0).truth.mask
     with tempfile.TemporaryDirectory() as folder:

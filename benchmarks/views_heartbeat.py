@@ -11,13 +11,11 @@ that is given beside it, as is what drawing the canvas took of it.
 from __future__ import annotations
 
 import argparse
-import json
 import time
-from pathlib import Path
 from typing import Any
 
 from common import results
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from common.window import on_a_display, wait_until
 
@@ -106,11 +104,7 @@ def entries_of(found: Any) -> Entries:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        Path(options.child[0]).write_text(json.dumps(run_all()), "utf-8")
-        return
+    options_of(parser, run_all)
     on_a_display()
     found = run_child(__file__, limit_s=LIMIT_S)
     entries = entries_of(found)

@@ -11,15 +11,13 @@ place of every vertex. Everything goes through ``atlas.annotations``, as drawing
 from __future__ import annotations
 
 import argparse
-import json
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 from common import regions, results
 from common.cases import all_cases
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from scipy import sparse
 
@@ -181,12 +179,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--only", nargs="+", choices=list(CASES), default=list(CASES))
     parser.add_argument("--dry", action="store_true", help="do not write the results")
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        name, answer = options.child
-        Path(answer).write_text(json.dumps(run_case(name)), "utf-8")
-        return
+    options = options_of(parser, run_case, 1)
     for name in options.only:
         entries = entries_of(name, run_child(__file__, name, limit_s=LIMIT_S))
         results.show(entries)

@@ -11,10 +11,6 @@ display it starts itself anew on a virtual one.
 from __future__ import annotations
 
 import argparse
-import json
-import os
-import shutil
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator
@@ -24,8 +20,9 @@ from typing import Any
 import numpy as np
 from common import results
 from common.cases import FULL, simulated
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
+from common.window import mouse, on_a_display
 
 import napari_unwrap3d as unwrap3d
 
@@ -146,36 +143,19 @@ class Strokes:
 
     def draw(self, canvas: Any, tool: str, rendered: bool) -> tuple[list[float], list[float]]:
         """CPU seconds per event of a stroke: our own, and of everything."""
-        from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-        from qtpy.QtGui import QMouseEvent
-        from qtpy.QtTest import QTest
-
         self.annotating.tool = tool
         self.wait(lambda: True)
         turn = np.linspace(0.0, 2.0 * np.pi, EVENTS + 1)
-        width, height = canvas.width(), canvas.height()
-        places = [
-            QPoint(round((0.5 + 0.15 * np.cos(t)) * width), round((0.5 + 0.2 * np.sin(t)) * height))
-            for t in turn
-        ]
-        left, none = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
-        for each in self.natives:
-            each.setUpdatesEnabled(rendered)
-        QTest.mousePress(canvas, left, none, places[0])
-        self.app.processEvents()
-        self.own.take(), self.picks.take()
-        own, whole = [], []
-        for place in places[1:]:
+        places = [(0.5 + 0.15 * float(np.cos(t)), 0.5 + 0.2 * float(np.sin(t))) for t in turn]
+        own: list[float] = []
+        whole: list[float] = []
+
+        def follow(move: Callable[[], None]) -> None:
+            if not own:
+                self.app.processEvents()
+                self.own.take(), self.picks.take()
             begin = time.process_time()
-            event = QMouseEvent(
-                QEvent.Type.MouseMove,
-                QPointF(place),
-                QPointF(canvas.mapToGlobal(place)),
-                Qt.MouseButton.NoButton,
-                left,
-                none,
-            )
-            self.app.sendEvent(canvas, event)
+            move()
             # napari takes one event per some milliseconds; the timers of this one run in the
             # next turns of the event loop.
             for _ in range(3):
@@ -183,7 +163,10 @@ class Strokes:
                 self.app.processEvents()
             whole.append(time.process_time() - begin)
             own.append(self.own.take())
-        QTest.mouseRelease(canvas, left, none, places[-1])
+
+        for each in self.natives:
+            each.setUpdatesEnabled(rendered)
+        mouse().drag(canvas, places, follow)
         for each in self.natives:
             each.setUpdatesEnabled(True)
         self.wait(lambda: True)
@@ -258,15 +241,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--project", help="an unwrapped cell to use instead")
     parser.add_argument("--dry", action="store_true", help="do not write the results")
-    parser.add_argument("--child", nargs=2, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        project, answer = options.child
-        Path(answer).write_text(json.dumps(run_once(project)), "utf-8")
-        return
-    if not os.environ.get("DISPLAY") and shutil.which("xvfb-run"):
-        screen = ["xvfb-run", "-a", "-s", "-screen 0 1600x1200x24", sys.executable, *sys.argv]
-        os.execvp(screen[0], screen)
+    options = options_of(parser, run_once, 1)
+    on_a_display()
     with tempfile.TemporaryDirectory() as folder:
         project = options.project or unwrapped_cell(folder)
         entries = entries_of(run_child(__file__, project, limit_s=LIMIT_S))

@@ -11,15 +11,13 @@ them takes, by software where there is no graphics card.
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from common import results
-from common.children import run_child
+from common.children import options_of, run_child
 from common.results import Bar, Entries
 from common.window import on_a_display, wait_until
 
@@ -110,11 +108,7 @@ def entries_of(found: Any) -> Entries:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--child", nargs=1, help=argparse.SUPPRESS)
-    options = parser.parse_args()
-    if options.child:
-        Path(options.child[0]).write_text(json.dumps(run_all()), "utf-8")
-        return
+    options_of(parser, run_all)
     on_a_display()
     entries = entries_of(run_child(__file__, limit_s=LIMIT_S))
     results.show(entries)

@@ -1,269 +1,31 @@
 """Pictures of the window for the README and docs/, made by using it on a sample cell.
 
-Every step is done through what a person sees: menus' commands, buttons, docks and canvases. A step
-that does not happen within its time, and an error that a person would be told, end the script.
+Every step is done through what a person sees: menus' commands, buttons, docks and canvases.
 """
 
 from __future__ import annotations
 
 import argparse
-import io
 import os
 import tempfile
-import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
+import mouse
 import numpy as np
+from person import LARGE, SMALL, Person, circle
 from PIL import Image
 
 PLUGIN = "napari-unwrap3d"
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "pictures"
-SMALL, LARGE = (1400, 900), (1920, 1080)
-# Of a picture: all, and those that are kept as they are.
-COLOURS, EXACT = 256, 32
 GAP = 6
-RUN_S, STEP_S = 1800.0, 180.0
-# A drag is this many moves of the mouse, so that a line is drawn and not dots.
-MOVES = 24
+RUN_S = 1800.0
 # In the uv image of the cell with blebs, as shares of the canvas.
 BLEBS, POINT = ((0.726, 0.43), (0.62, 0.43)), (0.66, 0.56)
-BOTTOM_UM = 2.0
-
-
-class Person:
-    """A napari window, and someone who uses it."""
-
-    def __init__(self, folder: Path) -> None:
-        import napari
-        from napari.utils.notifications import notification_manager
-
-        self.folder = folder
-        self.told: list[str] = []
-        notification_manager.notification_ready.connect(self._on_told)
-        self.viewer = napari.Viewer(title="napari")
-        self.window = self.viewer.window._qt_window
-        self.resize(SMALL)
-        self.wizard: Any = None
-        self.dock: Any = None
-
-    def _on_told(self, notification: Any) -> None:
-        if str(notification.severity) in ("error", "warning"):
-            self.told.append(str(notification.message))
-
-    # Time ------------------------------------------------------------------------
-
-    def wait(self, condition: Callable[[], Any], what: str, limit_s: float = STEP_S) -> None:
-        """Let the window live until something is so."""
-        from qtpy.QtWidgets import QApplication
-
-        stop = time.monotonic() + limit_s
-        while not condition():
-            if time.monotonic() > stop:
-                raise TimeoutError(f"{what}: not within {limit_s:.0f} s. Told: {self.told}")
-            QApplication.processEvents()
-            time.sleep(0.005)
-        if self.told:
-            raise RuntimeError(f"{what}: {self.told}")
-
-    def rest(self, seconds: float = 0.5) -> None:
-        """Let the window live for a while: layouts, textures and tables follow in later turns."""
-        stop = time.monotonic() + seconds
-        self.wait(lambda: time.monotonic() > stop, "resting")
-
-    def settle(self) -> None:
-        """Until nothing is computed any more and everything is drawn."""
-        from napari_unwrap3d.viewer.canvas import open_canvas
-
-        if open_canvas(self.viewer) is None:
-            self.rest()
-            return
-        self.wait(lambda: not self.canvas.colouring.busy, "colours")
-        self.wait(lambda: self.canvas.cursor.ready, "the linked cursor")
-        self.wait(lambda: not self.canvas.requested.running, "a chart on request")
-        self.rest()
-
-    # The parts of the window -----------------------------------------------------
-
-    @property
-    def canvas(self) -> Any:
-        from napari_unwrap3d.viewer.canvas import open_canvas
-
-        found = open_canvas(self.viewer)
-        assert found is not None, "there is no second canvas"
-        return found
-
-    @property
-    def shown(self) -> Any:
-        """The switches above the 3D canvas."""
-        from napari_unwrap3d.viewer.showing import ShownBar
-
-        return self.window.findChildren(ShownBar)[0]
-
-    @property
-    def main(self) -> Any:
-        return self.viewer.window._qt_viewer.canvas.native
-
-    @property
-    def second(self) -> Any:
-        return self.canvas.qt_viewer.canvas.native
-
-    def resize(self, size: tuple[int, int]) -> None:
-        self.window.showNormal()
-        self.window.resize(*size)
-        self.rest()
-        found = (self.window.width(), self.window.height())
-        if found != size:
-            raise RuntimeError(f"the window is {found}, not {size}: is the screen too small?")
-
-    # The mouse -------------------------------------------------------------------
-
-    def click(self, button: Any) -> None:
-        """Press a button that can be seen and pressed."""
-        from qtpy.QtCore import QPoint, Qt
-        from qtpy.QtTest import QTest
-
-        assert button.isVisible(), f"“{button.text()}” cannot be seen"
-        assert button.isEnabled(), f"“{button.text()}” cannot be pressed"
-        self.bring_into_view(button)
-        # Beside the middle: a tick box reacts to its own width only.
-        place = QPoint(min(10, button.width() // 2), button.height() // 2)
-        QTest.mouseClick(button, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, place)
-        self.rest(0.1)
-
-    def bring_into_view(self, widget: Any) -> None:
-        from qtpy.QtWidgets import QScrollArea
-
-        parent = widget.parentWidget()
-        while parent is not None:
-            if isinstance(parent, QScrollArea):
-                parent.ensureWidgetVisible(widget, 0, 60)
-            parent = parent.parentWidget()
-        self.rest(0.1)
-
-    def press(self, name: str) -> None:
-        """Of the tools of the annotations."""
-        self.click(self.dock.tools[name])
-
-    def hover(self, native: Any, place: tuple[float, float]) -> None:
-        """Point at a share (x, y) of a canvas."""
-        if native is self.second:
-            self.canvas.model.mouse_over_canvas = True
-        self._move(native, place, pressed=False)
-        self.rest(0.2)
-
-    def tap(self, native: Any, place: tuple[float, float]) -> None:
-        """Click a share (x, y) of a canvas."""
-        from qtpy.QtCore import Qt
-        from qtpy.QtTest import QTest
-
-        self.hover(native, place)
-        QTest.mouseClick(native, Qt.MouseButton.LeftButton, pos=_point(native, place))
-        self.rest(0.3)
-
-    def leave(self) -> None:
-        """Take the pointer off the second canvas, and with it what it draws there."""
-        self.canvas.model.mouse_over_canvas = False
-        self.rest(0.2)
-
-    def drag(self, native: Any, places: Iterable[tuple[float, float]]) -> None:
-        """Press, move along shares (x, y) of a canvas, and release."""
-        from qtpy.QtCore import Qt
-        from qtpy.QtTest import QTest
-
-        corners = list(places)
-        line = list(_along(corners, MOVES))
-        left, none = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
-        self.hover(native, line[0])
-        QTest.mousePress(native, left, none, _point(native, line[0]))
-        for place in line[1:]:
-            # vispy leaves out moves that follow each other too quickly.
-            self.rest(0.03)
-            self._move(native, place, pressed=True)
-        QTest.mouseRelease(native, left, none, _point(native, line[-1]))
-        self.rest(0.3)
-
-    def _move(self, native: Any, place: tuple[float, float], *, pressed: bool) -> None:
-        from qtpy.QtCore import QEvent, QPointF, Qt
-        from qtpy.QtGui import QMouseEvent
-        from qtpy.QtWidgets import QApplication
-
-        point = _point(native, place)
-        button = Qt.MouseButton.LeftButton if pressed else Qt.MouseButton.NoButton
-        event = QMouseEvent(
-            QEvent.Type.MouseMove,
-            QPointF(point),
-            QPointF(native.mapToGlobal(point)),
-            Qt.MouseButton.NoButton,
-            button,
-            Qt.KeyboardModifier.NoModifier,
-        )
-        QApplication.sendEvent(native, event)
-
-    # Pictures --------------------------------------------------------------------
-
-    def picture(self, widget: Any = None) -> Image.Image:
-        """What a widget shows, the whole window by default."""
-        from qtpy.QtCore import QBuffer, QIODevice
-
-        self.rest(0.3)
-        buffer = QBuffer()
-        buffer.open(QIODevice.OpenModeFlag.WriteOnly)
-        (self.window if widget is None else widget).grab().save(buffer, "PNG")
-        found = Image.open(io.BytesIO(bytes(buffer.data()))).convert("RGB")
-        if np.ptp(np.asarray(found)) < 50:
-            raise RuntimeError("the picture is empty")
-        return found
-
-    def save(self, name: str, picture: Image.Image | None = None) -> None:
-        """Write a picture, of the whole window by default."""
-        self.settle()
-        found = self.picture() if picture is None else picture
-        found = found.quantize(palette=palette(found), dither=Image.Dither.NONE)
-        path = self.folder / f"{name}.png"
-        found.save(path, optimize=True)
-        print(f"{path.name}: {found.width} × {found.height}, {path.stat().st_size // 1000} kB")
-
-
-def _point(native: Any, place: tuple[float, float]) -> Any:
-    from qtpy.QtCore import QPoint
-
-    return QPoint(round(place[0] * native.width()), round(place[1] * native.height()))
-
-
-def palette(picture: Image.Image) -> Image.Image:
-    """The colours to keep: the commonest as they are, and a small green mark as well."""
-    pixels = np.asarray(picture).reshape(-1, 3)
-    coarse = pixels >> 2
-    _, first, count = np.unique(
-        coarse @ np.array([1, 64, 4096]), return_index=True, return_counts=True
-    )
-    weighed = np.repeat(pixels[first], np.ceil(count**0.25).astype(int), axis=0)
-    exact, often = np.unique(pixels, axis=0, return_counts=True)
-    exact = exact[np.argsort(-often)[:EXACT]]
-    rest = Image.fromarray(weighed[None]).quantize(COLOURS - EXACT, Image.Quantize.MAXCOVERAGE)
-    found = Image.new("P", (1, 1))
-    found.putpalette([*exact.ravel().tolist(), *(rest.getpalette() or [])][: 3 * COLOURS])
-    return found
-
-
-def _along(corners: list[tuple[float, float]], count: int) -> Iterator[tuple[float, float]]:
-    steps = np.linspace(0, len(corners) - 1, count)
-    xs, ys = np.transpose(corners)
-    for x, y in zip(
-        np.interp(steps, range(len(corners)), xs),
-        np.interp(steps, range(len(corners)), ys),
-        strict=True,
-    ):
-        yield float(x), float(y)
-
-
-def circle(x: float, y: float, rx: float, ry: float) -> list[tuple[float, float]]:
-    """Corners of a closed line around a place of a canvas."""
-    angles = np.linspace(0, 2 * np.pi, MOVES)
-    return [(x + rx * float(np.cos(a)), y + ry * float(np.sin(a))) for a in angles]
+BOTTOM_UM, FOCUS_UM = 2.0, 4.0
+SHAPE = ((0.30, 0.30), (0.38, 0.24), (0.46, 0.34), (0.43, 0.50), (0.33, 0.52))
+SIGNALS_FROM = 2
 
 
 def beside(pictures: list[Image.Image], columns: int) -> Image.Image:
@@ -432,28 +194,79 @@ def paint(person: Person) -> None:
 
 
 def topography(person: Person) -> None:
-    """A slice of the signal in (d, v, u), and its maximum over depths."""
+    """A slice of the field in (d, v, u), and the signal's maximum over depths."""
     person.click(person.canvas.chart_buttons["topography"])
     bar = person.canvas.depth_bar
-    if bar.content.count() > 1:
-        bar.show_content(bar.content.itemText(1))
-        person.wait(lambda: not bar.busy, "the signal of the topography", RUN_S)
+    person.wait(lambda: not bar.busy, "the field in the topography", RUN_S)
     person.settle()
     pictures = [person.picture(person.canvas)]
+    if bar.content.count() > SIGNALS_FROM:
+        bar.show_content(bar.content.itemText(SIGNALS_FROM))
+        person.wait(lambda: not bar.busy, "the signal of the topography", RUN_S)
+    person.settle()
     bar.set_range("Maximum", 0.0, float(bar.d_um[-1]))
     person.settle()
     pictures.append(person.picture(person.canvas))
     person.save("topography", beside(pictures, 1))
+    bar.show_content(bar.content.itemText(0))
     bar.set_depth(0.0)
     person.click(person.canvas.chart_buttons["uv"])
 
 
-def regions(person: Person) -> None:
-    """A half-space and the plane that fits a label."""
-    person.dock.list.name_box.setEditText("cell bottom")
+def region(person: Person) -> None:
+    """A half-space for what is out of focus, with its edges in 3D."""
+    _annotate(person, "out of focus")
+    _from_the_side(person)
+    regions = person.dock.regions
+    high = float(person.dock.annotating.atlas.surface.vertices[:, 0].max())
+    regions.position.setValue(high - FOCUS_UM)
+    person.click(regions.add_button)
+    assert person.dock.annotating.annotations.labels("out of focus").any()
+    regions.position.setValue(high - FOCUS_UM - 0.5)
+    assert len(regions.preview.segments), "no edges are seen"
+    person.bring_into_view(regions.remove_button)
+    person.save("region")
+
+
+def shapes(person: Person) -> None:
+    """A polygon in uv, and its corners."""
+    from qtpy.QtTest import QTest
+
+    _annotate(person, "marked")
+    person.click(person.dock.regions.shapes_button)
+    for place in SHAPE:
+        person.tap(person.second, place)
+    end = mouse.point_at(person.second, SHAPE[-1])
+    QTest.mouseDClick(person.second, mouse.LEFT, pos=end)
+    person.rest()
+    assert person.dock.annotating.annotations.labels("marked").any(), "the polygon marks nothing"
+    layer = person.dock.annotating.shapes.layer("marked", "uv")
+    layer.mode, layer.selected_data = "direct", {0}
+    look_at(person, "marked")
+    person.leave()
+    person.save("shapes")
+    person.click(person.canvas.tools_button)
+    layer.mode = "pan_zoom"
+
+
+def _annotate(person: Person, name: str) -> None:
+    """Add an annotation, to be drawn with label 1."""
+    person.dock.list.name_box.setEditText(name)
     person.click(person.dock.list.add_button)
     person.dock.label_box.setValue(1)
     person.rest()
+
+
+def _from_the_side(person: Person) -> None:
+    """The surface with z down, as in the stack."""
+    _show_alone(person, "surface")
+    person.viewer.scene.camera.set_view_direction((0.25, 0.9, 0.35), (-1.0, 0.25, 0.0))
+    person.click(person.shown.fit_button)
+
+
+def bottom(person: Person) -> None:
+    """A half-space and the plane that fits a label."""
+    _annotate(person, "cell bottom")
     low = float(person.dock.annotating.atlas.surface.vertices[:, 0].min())
     person.dock.regions.side_box.setCurrentText("up to here")
     person.dock.regions.position.setValue(low + BOTTOM_UM)
@@ -462,15 +275,12 @@ def regions(person: Person) -> None:
     person.click(person.dock.measures.plane_button)
     person.wait(lambda: "normal" in person.dock.measures.result.text(), "the plane")
     person.rest(1.5)
-    _show_alone(person, "surface")
-    # From the side: z points down, as in the stack.
-    person.viewer.scene.camera.set_view_direction((0.25, 0.9, 0.35), (-1.0, 0.25, 0.0))
-    person.click(person.shown.fit_button)
+    _from_the_side(person)
     person.bring_into_view(person.dock.measures.result)
     person.save("plane")
 
 
-SCENES = (window, light, steps, cursor, draw, carried, paint, topography, regions)
+SCENES = (window, light, steps, cursor, draw, carried, paint, topography, region, shapes, bottom)
 
 
 @contextmanager

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +20,32 @@ ONE_THREAD = (
     "BLIS_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
+
+
+def options_of(
+    parser: argparse.ArgumentParser, measure: Callable[..., Any], arguments: int = 0
+) -> argparse.Namespace:
+    """Parse the command line; a child of :func:`run_child` measures, answers and ends here.
+
+    Parameters
+    ----------
+    measure : callable
+        Takes what :func:`run_child` was given, as strings, and returns plain values.
+    arguments : int
+        How many those are.
+    """
+    parser.add_argument("--child", nargs=arguments + 1, help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if options.child:
+        *given, answer = options.child
+        Path(answer).write_text(json.dumps(measure(*given), default=_plain), "utf-8")
+        sys.exit()
+    return options
+
+
+def _plain(value: Any) -> Any:
+    """numpy's numbers as Python's, and what else there is as text."""
+    return value.item() if hasattr(value, "item") else str(value)
 
 
 def run_child(

@@ -8,6 +8,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 SCREEN = "-screen 0 1600x1200x24"
@@ -34,3 +36,13 @@ def wait_until(condition: Callable[[], Any], limit_s: float) -> None:
             raise TimeoutError(f"not within {limit_s:.0f} s")
         QApplication.processEvents()
         time.sleep(0.002)
+
+
+def mouse() -> ModuleType:
+    """The mouse of the pictures and the tests; Qt is imported only now."""
+    folder = str(Path(__file__).resolve().parents[2] / "tools")
+    if folder not in sys.path:
+        sys.path.append(folder)
+    import mouse as found
+
+    return found

@@ -22,6 +22,7 @@ from .geometry.locate import interpolate
 from .imaging.roi import chosen_volume
 from .progress import Progress, silent
 from .sampling import sample_signal
+from .shell import Shell, ShellVolume
 from .unwrapping.surface import same_mesh
 
 Values = npt.NDArray[np.float32]
@@ -142,6 +143,7 @@ class Fields:
         self._atlas = weakref.ref(atlas)
         self.stack = stack
         self._values: dict[tuple[str, str], Values] = {}
+        self._shell: Shell | None = None
         self._fields = {field.name: field for field in _catalogue(atlas, stack)}
 
     @property
@@ -204,6 +206,45 @@ class Fields:
             self._values[key] = np.ascontiguousarray(found, dtype=np.float32)
         return self._values[key]
 
+    def in_topography(
+        self, name: str, progress: Progress | None = None
+    ) -> ShellVolume | npt.NDArray[Any]:
+        """A field in the topography's (d, v, u), the same values as everywhere.
+
+        A field of the surface is given at the nodes next to it, height as the d of each node
+        of the cell there. A signal is sampled everywhere, see :func:`topography_signal`.
+
+        Parameters
+        ----------
+        name : str
+        progress : Progress, optional
+            It takes a second and more when the first field is asked for, and for signals.
+
+        Returns
+        -------
+        ShellVolume or ndarray, (D, N, 2N)
+            Not kept here: a signal takes hundreds of megabytes.
+
+        Raises
+        ------
+        ParameterError
+            There is no such field.
+        ChartMissingError
+            The atlas has no topography.
+        """
+        field, report = self.field(name), progress or silent()
+        chart = self.atlas.topography
+        if field.channel is not None:
+            assert self.stack is not None
+            return topography_signal(self.atlas, self.stack, field.channel, report)
+        if self._shell is None:
+            report(0.0, "the surface in the topography")
+            self._shell = Shell.of(self.atlas)
+        if name == HEIGHT:
+            inside = self._shell.within(chart.mask)
+            return ShellVolume(inside, chart.d_um[inside.layer])
+        return ShellVolume(self._shell, self.values(name, "surface", report)[self._shell.vertex])
+
     def reachable(self, name: str, chart: str) -> bool:
         """Whether the atlas has what is needed to carry a field to a chart."""
         atlas, home = self.atlas, self.field(name).home
@@ -233,6 +274,7 @@ class Fields:
                 mine.has(chart) and _core(mine, chart) is not _core(theirs, chart)
             ):
                 return
+        self._shell = self._shell or other._shell
         for (name, chart), values in other._values.items():
             if name in self._fields and chart not in ("direct", "plane"):
                 self._values.setdefault((name, chart), values)

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from typing import Any
 
+import mouse
 import numpy as np
-from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-from qtpy.QtGui import QMouseEvent, QWheelEvent
-from qtpy.QtTest import QTest
+from qtpy.QtCore import QPoint, QPointF, Qt
+from qtpy.QtGui import QWheelEvent
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.textured import COVER
 from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
 from viewer.opened import SECONDS, open_atlas
 
-LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
+LEFT, NONE = mouse.LEFT, mouse.NO_KEYS
 MESHES = ("surface", "reference")
 TURNS = 20
 
@@ -134,19 +134,18 @@ class Hand:
     def drag(self, native: Any, places: Iterable[tuple[float, float]], keys: Any = NONE) -> None:
         """Press, move and release at shares (x, y) of a canvas."""
         model = self.viewer if native is self.main else self.canvas.model
-        points = [QPoint(round(x * native.width()), round(y * native.height())) for x, y in places]
-        QTest.mousePress(native, LEFT, keys, points[0])
-        for point in points[1:]:
+
+        def follow(move: Callable[[], None]) -> None:
             before = tuple(model.cursor.position)
 
-            def moved(point: QPoint = point, before: Any = before) -> bool:
-                """vispy leaves out events that follow each other too quickly."""
+            def moved() -> bool:
                 if tuple(model.cursor.position) == before:
-                    _move(native, point, keys)
+                    move()
                 return tuple(model.cursor.position) != before
 
             self.qtbot.waitUntil(moved)
-        QTest.mouseRelease(native, LEFT, keys, points[-1])
+
+        mouse.drag(native, places, follow, keys)
         self.settle()
 
     def settle(self) -> None:
@@ -157,26 +156,6 @@ class Hand:
         self.qtbot.waitUntil(lambda: painter._lassoing is None, timeout=SECONDS)
         timer = self.annotating.texturing._timer
         self.qtbot.waitUntil(lambda: not timer.isActive())
-
-
-def _move(native: Any, point: QPoint, keys: Any) -> None:
-    event = QMouseEvent(
-        QEvent.Type.MouseMove,
-        QPointF(point),
-        QPointF(native.mapToGlobal(point)),
-        Qt.MouseButton.NoButton,
-        LEFT,
-        keys,
-    )
-    QApplication.sendEvent(native, event)
-
-
-def hover(native: Any, point: QPoint) -> None:
-    place, screen = QPointF(point), QPointF(native.mapToGlobal(point))
-    none = Qt.MouseButton.NoButton
-    QApplication.sendEvent(
-        native, QMouseEvent(QEvent.Type.MouseMove, place, screen, none, none, NONE)
-    )
 
 
 def covered(hand: Hand, name: str, label: int = 1) -> Any:

@@ -13,6 +13,7 @@ from qtpy.QtGui import QEnterEvent
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
+from napari_unwrap3d.fields import CURVATURE, HEIGHT
 from napari_unwrap3d.viewer.annotation_widget import (
     NO_ANNOTATION,
     NO_CELL,
@@ -225,10 +226,20 @@ def test_a_label_is_measured_fitted_and_exported(
     widget.undo_button.click()
     assert annotations.axis is not None
     assert measures.axis_text.text()
-    titles = [measures.table.horizontalHeaderItem(k) for k in range(measures.table.columnCount())]
-    lines = [line for item in titles for line in item.text().splitlines()]
-    assert all(len(line) < 20 for line in lines)
-    assert any("µm" in item.text() and "weighted by area" in item.toolTip() for item in titles[3:])
+    # One mean is shown, so that the table is as wide as the dock.
+    table, means = measures.table, measures.mean_box
+    assert table.columnCount() == 4
+    assert "weighted by area" in table.horizontalHeaderItem(3).toolTip()
+    titles = [means.itemText(row) for row in range(means.count())]
+    assert {"Mean curvature (1/µm)", "Height d (µm)"} <= set(titles)
+    area, chosen = widget.annotating.atlas.elements("surface"), annotations.labels(name) == 1
+    for title, field in (("Mean curvature (1/µm)", CURVATURE), ("Height d (µm)", HEIGHT)):
+        means.setCurrentText(title)
+        values = widget.annotating.atlas.surface.fields[field]
+        mean = np.average(values[chosen], weights=area[chosen])
+        assert float(table.item(0, 3).text()) == pytest.approx(mean, rel=1e-3)
+    header = table.horizontalHeader()
+    qtbot.waitUntil(lambda: header.length() <= table.width())
     measures.export(tmp_path / "out")
     qtbot.waitUntil(lambda: measures._exporting is None, timeout=SECONDS)
     assert (tmp_path / "out" / "labels.csv").exists()

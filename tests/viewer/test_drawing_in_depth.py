@@ -7,7 +7,8 @@ from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 from scipy import ndimage
 
-from napari_unwrap3d.annotations.charts import NEAR_NODES_VOXELS, NEAR_VOXELS
+from napari_unwrap3d import shell
+from napari_unwrap3d.annotations.charts import NEAR_VOXELS
 from viewer.hand import Hand
 from viewer.opened import SECONDS
 
@@ -25,7 +26,7 @@ def test_at_a_depth_of_the_topography_only_what_is_there_is_marked(hand: Hand) -
     hand.drag(hand.second, STROKE)
     marked = hand.labels() == 2
     d, v, u = topography.surface[marked].T
-    reach = NEAR_NODES_VOXELS * hand.atlas.voxel_um + (topography.d_um[1] - topography.d_um[0])
+    reach = shell.NEAR_VOXELS * hand.atlas.voxel_um + (topography.d_um[1] - topography.d_um[0])
     assert marked.sum() > 5
     assert np.abs(d - depth).max() <= reach
     assert np.abs(v - 32).max() < 16

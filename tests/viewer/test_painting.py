@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import mouse
 import numpy as np
 import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
-from viewer.hand import LEFT, NONE, Hand, covered, hover
+from viewer.hand import LEFT, NONE, Hand, covered
 from viewer.opened import SECONDS
 
 
@@ -143,7 +144,7 @@ def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
         before = tuple(model.cursor.position)
 
         def moved() -> bool:
-            hover(hand.main, place)
+            mouse.move(hand.main, place)
             return tuple(model.cursor.position) != before
 
         hand.qtbot.waitUntil(moved)

@@ -14,6 +14,7 @@ from ..charts import Floats, Ints
 from ..geometry.near import nearest_vertices
 from ..geometry.overlaps import covered
 from ..geometry.padding import sample_uv_nearest, wrap_uv
+from ..shell import nearest_at_nodes, surface_index
 from ..unwrapping.direct import ownership
 from ..unwrapping.surface import same_mesh
 from ..unwrapping.uv import direction_to_uv
@@ -24,8 +25,8 @@ if TYPE_CHECKING:
 
 ON_UV = ("reference", "sphere")
 SHEETS_APART_VOXELS = 0.5
-# How far from the surface nodes and voxels show it, so that it is wide enough to be drawn on.
-NEAR_NODES_VOXELS, NEAR_VOXELS = 2.0, 1.5
+# How far from the surface voxels show it, so that it is wide enough to be drawn on.
+NEAR_VOXELS = 1.5
 
 
 def nearest_pixels(points: Floats, rows: int) -> Ints:
@@ -70,23 +71,8 @@ def plane_owners(atlas: Atlas) -> Owners:
 
 def topography_owners(atlas: Atlas) -> Owners:
     """Nodes next to the surface show the nearest vertex; each marks that and those it holds."""
-    chart = atlas.topography
-    layers, rows, columns = chart.shape
-    step = float(chart.d_um[1] - chart.d_um[0])
-    index = chart.surface.copy()
-    index[:, 0] = (index[:, 0] - chart.d_um[0]) / step
-    reach = NEAR_NODES_VOXELS * atlas.voxel_um
-    nearest = nearest_vertices(
-        index,
-        atlas.surface.vertices,
-        atlas.surface.faces,
-        chart.shape,
-        reach,
-        (math.ceil(reach / step), 1, 1),
-        chart.positions,
-        (chart.first_layer[1:-1], chart.last_layer[1:-1]),
-        periodic=True,
-    )
+    layers, rows, columns = atlas.topography.shape
+    nearest, index = nearest_at_nodes(atlas), surface_index(atlas)
     pixel = nearest_pixels(index[:, 1:], rows)
     height = np.rint(np.nan_to_num(index[:, 0], nan=-1.0)).astype(np.int64)
     inside = (pixel >= 0) & (height >= 0) & (height < layers)

@@ -9,11 +9,14 @@ import numpy as np
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QAbstractItemView,
+    QComboBox,
     QFileDialog,
     QGroupBox,
     QHBoxLayout,
+    QHeaderView,
     QLabel,
     QPushButton,
+    QSizePolicy,
     QTableWidget,
     QTableWidgetItem,
     QVBoxLayout,
@@ -22,6 +25,7 @@ from qtpy.QtWidgets import (
 
 from ..annotations import Annotations, fit_plane, label_rows
 from ..errors import Unwrap3DError
+from ..fields import KNOWN
 from ..files.annotation_export import export_annotations
 from .arrows import LENGTH_SHARE, direction_text, show_arrow
 from .threads import Task, tell
@@ -33,7 +37,9 @@ if TYPE_CHECKING:
 DELAY_MS = 400
 ROWS_SHOWN = 5
 AXIS_TEXT = "Axis of lateral speeds:"
-TITLES = {"annotation": "Annotation", "label": "Label", "area_um2": "Area\n(µm²)"}
+TITLES = {"annotation": "Annotation", "label": "Label", "area_um2": "Area (µm²)"}
+MEAN, PREFIX = "Mean", "mean_"
+MEANING = "Mean over the label, weighted by area."
 # Endings of the names of fields → what stands in brackets below.
 UNITS = {"_per_um": "1/µm", "_um2": "µm²", "_um": "µm"}
 
@@ -50,12 +56,23 @@ class MeasuresBox(QGroupBox):
         super().__init__("Measured on the surface", parent)
         self._annotating = annotating
         self._task: Task | None = None
+        self._rows: list[dict[str, Any]] = []
         self._exporting: Task | None = None
         self._normal: tuple[float, float, float] | None = None
         self.table = QTableWidget()
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.table.setToolTip("Areas and means are free of the distortion of the images.")
         self.table.verticalHeader().hide()
+        # All means beside each other would not fit into a dock: one is shown, all are exported.
+        self.mean_box = QComboBox()
+        self.mean_box.setToolTip("The mean of what is shown in the last column.")
+        self.mean_box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
+        self.table.setColumnCount(len(TITLES) + 1)
+        self.table.setHorizontalHeaderLabels([*TITLES.values(), MEAN])
+        self.table.horizontalHeaderItem(len(TITLES)).setToolTip(MEANING)
+        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.table.horizontalHeader().setSectionResizeMode(0, QHeaderView.ResizeMode.Stretch)
+        self.table.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.table.setFixedHeight((ROWS_SHOWN + 2) * (self.table.fontMetrics().height() + 10))
         self.export_button = QPushButton("Export …")
         self.export_button.setToolTip(
@@ -82,12 +99,17 @@ class MeasuresBox(QGroupBox):
         buttons.addWidget(self.plane_button)
         buttons.addWidget(self.axis_button)
         column = QVBoxLayout(self)
+        mean = QHBoxLayout()
+        mean.addWidget(QLabel("Mean of"))
+        mean.addWidget(self.mean_box, 1)
+        column.addLayout(mean)
         column.addWidget(self.table)
         column.addLayout(buttons)
         column.addWidget(self.result)
         column.addWidget(self.axis_text)
         column.addWidget(self.clear_button)
         self._timer = soon(self, self.measure, DELAY_MS)
+        self.mean_box.currentIndexChanged.connect(self._fill)
         self.export_button.clicked.connect(self._on_export)
         self.plane_button.clicked.connect(self.fit)
         self.axis_button.clicked.connect(self.use_axis)
@@ -119,19 +141,25 @@ class MeasuresBox(QGroupBox):
 
     def _on_measured(self, rows: list[dict[str, Any]]) -> None:
         self._task = None
-        means = [key for key in (rows[0] if rows else {}) if key.startswith("mean_")]
-        columns = [*TITLES, *means]
-        self.table.setColumnCount(len(columns))
-        self.table.setHorizontalHeaderLabels(
-            [TITLES.get(key) or _mean_title(key) for key in columns]
-        )
-        for place, key in enumerate(columns):
-            self.table.horizontalHeaderItem(place).setToolTip(_meaning(key))
-        self.table.setRowCount(len(rows))
-        for line, row in enumerate(rows):
+        self._rows = rows
+        means = [key for key in (rows[0] if rows else {}) if key.startswith(PREFIX)]
+        if means and means != [self.mean_box.itemData(k) for k in range(self.mean_box.count())]:
+            chosen = self.mean_box.currentData()
+            blocked = self.mean_box.blockSignals(True)
+            self.mean_box.clear()
+            for key in means:
+                self.mean_box.addItem(_mean_title(key), key)
+            self.mean_box.setCurrentIndex(max(self.mean_box.findData(chosen), 0))
+            self.mean_box.blockSignals(blocked)
+        self._fill()
+
+    def _fill(self, _: int = 0) -> None:
+        """Show what was measured, with the mean that is chosen."""
+        columns = [*TITLES, self.mean_box.currentData()]
+        self.table.setRowCount(len(self._rows))
+        for line, row in enumerate(self._rows):
             for place, key in enumerate(columns):
-                self.table.setItem(line, place, _item(row[key]))
-        self.table.resizeColumnsToContents()
+                self.table.setItem(line, place, _item(row.get(key, "")))
 
     def _on_failed(self, error: BaseException) -> None:
         self._task = self._exporting = None
@@ -209,18 +237,15 @@ def _export(annotations: Annotations, folder: str | Path) -> list[Path]:
 
 
 def _mean_title(column: str) -> str:
-    """The name of a field in two or three short lines, the unit in the last."""
-    name, unit = column.removeprefix("mean_"), ""
+    """What a person reads for a mean, with its unit."""
+    name = column.removeprefix(PREFIX)
+    if name in KNOWN:
+        title, unit = KNOWN[name]
+        return f"{title} ({unit})" if unit else title
+    unit = next((unit for ending, unit in UNITS.items() if name.endswith(ending)), "")
     ending = next((ending for ending in UNITS if name.endswith(ending)), "")
-    if ending:
-        name, unit = name.removesuffix(ending), f"\n({UNITS[ending]})"
-    first, *rest = name.replace("_", " ").capitalize().split()
-    return "\n".join([first, *([" ".join(rest)] if rest else [])]) + unit
-
-
-def _meaning(column: str) -> str:
-    mean = column.startswith("mean_")
-    return "Mean over the label, weighted by area." if mean else ""
+    title = name.removesuffix(ending).replace("_", " ").capitalize()
+    return f"{title} ({unit})" if unit else title
 
 
 def _item(value: Any) -> QTableWidgetItem:

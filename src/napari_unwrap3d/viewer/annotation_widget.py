@@ -25,7 +25,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from .annotating import LABELS, Annotating, annotating_of
+from .annotating import COMPUTING, LABELS, Annotating, annotating_of
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox
@@ -259,7 +259,7 @@ class AnnotationWidget(Docked):
         self.redo_button.setEnabled(can is not None and can.can_redo)
 
     def _on_told(self, message: str) -> None:
-        self.busy.setVisible(bool(message))
+        self.busy.setVisible(message == COMPUTING)
         self._say(message)
         if not message:
             self._update()

@@ -219,10 +219,12 @@ class Colouring(QObject):
 
     def _colour_mesh(self, layer: Layer) -> bool:
         """Give a mesh its values; False where there was nothing to do."""
-        known = layer.metadata.get(KEY, {})
-        values = self.values(known.get("values_on", ""))
+        if type(layer).__name__ != "Surface":
+            return False
+        known = layer.metadata[KEY]
+        values = self.values(known["values_on"])
         known["field"] = self.field
-        if values is None or type(layer).__name__ != "Surface":
+        if values is None:
             return False
         if "vertices" in known:
             values = values[known["vertices"]]
@@ -233,10 +235,11 @@ class Colouring(QObject):
         return True
 
     def _recolour(self) -> None:
-        """Give every linked layer the colormap and the limits."""
+        """Give every linked layer that shows the field the colormap and the limits."""
         self._chosen[self.field] = (self.colormap, self.limits)
         for layer in self._linked:
-            self._paint(layer)
+            if layer.metadata[KEY]["field"] == self.field:
+                self._paint(layer)
         self.changed.emit()
 
     def _paint(self, layer: Layer) -> None:
@@ -252,6 +255,17 @@ class Colouring(QObject):
             layer.contrast_limits = self.limits
         self._setting = False
 
+    def follow(self, layer: Layer, chart: str) -> None:
+        """Draw a layer, which shows the field on a chart now, like all others."""
+        layer.metadata[KEY] |= {"values_on": chart, "field": self.field}
+        self._link(layer)
+        self._paint(layer)
+
+    def unfollow(self, layer: Layer) -> None:
+        """Leave a layer alone that shows something else now."""
+        layer.metadata[KEY] |= {"values_on": "", "field": ""}
+        self._unlink(layer)
+
     def _link(self, layer: Layer) -> None:
         if layer.metadata.get(KEY, {}).get("values_on") and layer not in self._linked:
             self._linked.append(layer)
@@ -262,7 +276,9 @@ class Colouring(QObject):
         self._link(event.value)
 
     def _on_removed(self, event: Any) -> None:
-        layer = event.value
+        self._unlink(event.value)
+
+    def _unlink(self, layer: Layer) -> None:
         if layer in self._linked:
             self._linked.remove(layer)
             layer.events.colormap.disconnect(self._on_colormap)

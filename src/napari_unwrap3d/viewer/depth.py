@@ -12,7 +12,8 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QSlider, QStackedWidg
 from superqt import QRangeSlider
 
 from ..charts import Stack
-from ..fields import channel_titles, topography_signal
+from ..fields import SIGNAL, Fields, channel_titles
+from ..shell import ShellVolume
 from .layers import volume_layer
 from .threads import Task, tell
 
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from ..atlas import Atlas
     from .canvas import UnwrappedCanvas
 
-MASK = "Mask"
+FIELD, MASK = "Field", "Mask"
 SLICE, MAXIMUM, MEAN = "Slice", "Maximum", "Mean"
 PROJECTIONS = {SLICE: "none", MAXIMUM: "max", MEAN: "mean"}
 TITLE_WIDTH = 130
@@ -38,13 +39,16 @@ class DepthBar(QWidget):
         super().__init__()
         self._canvas = canvas
         self._task: Task | None = None
-        self._contents: dict[str, npt.NDArray[Any]] = {}
+        self._contents: dict[str, Any] = {}
+        self._shown: Any = ""
         self._of: Atlas | None = None
         self._moving = False
         self._range = (-1, -1)
         self._limits = (0.0, 1.0)
         self._build()
         self.content.textActivated.connect(self.show_content)
+        canvas.chart_changed.connect(self._update_content)
+        canvas.colouring.changed.connect(self._update_content)
         self.mode.currentTextChanged.connect(self._on_mode)
         self.slider.valueChanged.connect(self._apply)
         self.range.valueChanged.connect(self._apply)
@@ -54,8 +58,11 @@ class DepthBar(QWidget):
 
     def _build(self) -> None:
         self.content = QComboBox()
-        self.content.addItem(MASK)
-        self.content.setToolTip("What is shown in (d, v, u).")
+        self.content.addItems([FIELD, MASK])
+        self.content.setToolTip(
+            "What is shown in (d, v, u): the field that colours every view, the cell's mask, or "
+            "a signal in grey."
+        )
         self.content.setSizeAdjustPolicy(QComboBox.SizeAdjustPolicy.AdjustToContents)
         self.mode = QComboBox()
         self.mode.addItems([*PROJECTIONS])
@@ -88,7 +95,7 @@ class DepthBar(QWidget):
 
     @property
     def busy(self) -> bool:
-        """Whether a signal is being carried."""
+        """Whether the content is being carried."""
         return self._task is not None
 
     def set_depth(self, d_um: float) -> None:
@@ -156,6 +163,8 @@ class DepthBar(QWidget):
         if self.mode.currentText() != SLICE:
             low, high = self.range.value()
         self._moving = True
+        if isinstance(image.data, ShellVolume):
+            image.data.projection = PROJECTIONS[self.mode.currentText()]
         dims = self._canvas.model.dims
         dims.set_point(0, (low + high) / 2)
         around = np.zeros(dims.ndim)
@@ -182,52 +191,74 @@ class DepthBar(QWidget):
     # The content ----------------------------------------------------------------
 
     def show_content(self, title: str) -> None:
-        """Show the mask, or the signal of a channel; it is carried in a thread at first."""
+        """Show the field that colours every view, the mask, or the signal of a channel."""
         self.content.setCurrentText(title)
-        atlas, stack = self._canvas.atlas, self._stack()
-        if atlas is None:
-            return
-        if title in self._contents:
-            self._show(self._contents[title])
-            return
-        if stack is None or self._task is not None:
-            return
-        self.content.setEnabled(False)
-        self.label.setText("carrying …")
-        channel = channel_titles(stack).index(title)
-        self._task = Task(_carried, atlas, stack, channel, title)
-        self._task.returned.connect(self._on_carried)
-        self._task.failed.connect(self._on_failed)
-        self._task.start()
+        self._update_content()
 
-    def _on_carried(self, carried: tuple[Atlas, str, npt.NDArray[Any]]) -> None:
-        atlas, title, values = carried
+    def _wanted(self) -> str:
+        """What is to be shown: the name of a field, or :data:`MASK`."""
+        title, colouring = self.content.currentText(), self._canvas.colouring
+        if title == FIELD:
+            there = colouring.values("surface") is not None
+            return colouring.field if there else ""
+        return MASK if title == MASK else str(self.content.currentData())
+
+    def _update_content(self, _: Any = None) -> None:
+        """Show what is wanted; it is computed in a thread first, once somebody looks at it."""
+        image, fields = self._canvas.image("topography"), self._canvas.colouring.fields
+        wanted = self._wanted()
+        if image is None or fields is None or self._of is None or not wanted:
+            return
+        if wanted in self._contents:
+            self._show(wanted)
+        elif self._task is None and self._canvas.chart == "topography":
+            self._canvas.colouring.unfollow(image)
+            self._shown = ""
+            self.label.setText("carrying …")
+            self._task = Task(_carried, self._of, fields, wanted)
+            self._task.returned.connect(self._on_carried)
+            self._task.failed.connect(self._on_failed)
+            self._task.start()
+
+    def _on_carried(self, carried: tuple[Atlas, str, Any]) -> None:
+        atlas, name, values = carried
         self._task = None
-        self.content.setEnabled(True)
         if atlas is self._of:
-            # One signal at a time: a large one takes hundreds of megabytes.
-            self._contents = {MASK: self._contents[MASK], title: values}
-            self._show(values)
+            # One at a time: a large signal takes hundreds of megabytes.
+            self._contents = {MASK: self._contents[MASK], name: values}
+        self._update_content()
         self._apply()
 
     def _on_failed(self, error: BaseException) -> None:
         self._task = None
-        self.content.setEnabled(True)
-        self.content.setCurrentText(MASK)
+        self.show_content(MASK)
         self._apply()
         tell(error)
 
-    def _show(self, values: npt.NDArray[Any]) -> None:
-        image = self._canvas.image("topography")
-        if image is not None:
+    def _show(self, name: str) -> None:
+        image, values = self._canvas.image("topography"), self._contents[name]
+        followed = self.content.currentText() == FIELD
+        if image is None or self._shown == (name, followed):
+            return
+        self._shown = name, followed
+        colouring = self._canvas.colouring
+        colouring.unfollow(image)
+        if isinstance(values, ShellVolume):
+            values.projection = PROJECTIONS[self.mode.currentText()]
+            image.data = values
+        else:
             image.data, attributes, _ = volume_layer(values)
             self._limits = attributes["contrast_limits"]
+        if followed:
+            colouring.follow(image, "topography")
+        else:
+            image.colormap = "gray"
             self._set_limits()
 
     def _set_limits(self) -> None:
         """Contrast of the whole content, or of the projection: a maximum is brighter."""
         image = self._canvas.image("topography")
-        if image is None:
+        if image is None or self.content.currentText() == FIELD:
             return
         if self.mode.currentText() == SLICE or self.content.currentText() == MASK:
             low, high = self._limits
@@ -240,31 +271,34 @@ class DepthBar(QWidget):
         if not atlas.has("topography"):
             return
         before, self._of = self._of, atlas
-        if before is not None and before.topography is atlas.topography:
-            return
-        self._contents = {MASK: atlas.topography.mask}
-        stack = self._stack()
-        self.content.clear()
-        self.content.addItem(MASK)
-        if stack is not None and atlas.parameters.stack.label is None:
-            self.content.addItems(channel_titles(stack))
-        self._show(atlas.topography.mask)
+        # Its layer may have been given the mask again.
+        self._shown = ""
+        if before is None or before.topography is not atlas.topography:
+            self._list(atlas)
+            self._contents = {MASK: atlas.topography.mask}
         self._update_range()
+        self._update_content()
 
-    def _stack(self) -> Stack | None:
+    def _list(self, atlas: Atlas) -> None:
+        """Offer what there is of this cell; what was chosen stays where it can."""
+        chosen = self.content.currentText()
+        self.content.clear()
+        for title in (FIELD, MASK):
+            self.content.addItem(title)
         source = self._canvas.session.source_data
-        return source if isinstance(source, Stack) else None
+        if isinstance(source, Stack) and atlas.parameters.stack.label is None:
+            for channel, title in enumerate(channel_titles(source)):
+                self.content.addItem(title, f"{SIGNAL}{channel}")
+        self.content.setCurrentIndex(max(self.content.findText(chosen), 0))
 
     def close_bar(self) -> None:
         """Listen no longer."""
         self._canvas.session.finished.disconnect(self._on_atlas)
 
 
-def _carried(
-    atlas: Atlas, stack: Stack, channel: int, title: str
-) -> tuple[Atlas, str, npt.NDArray[Any]]:
+def _carried(atlas: Atlas, fields: Fields, name: str) -> tuple[Atlas, str, Any]:
     """What comes back from the thread, with what it belongs to."""
-    return atlas, title, topography_signal(atlas, stack, channel)
+    return atlas, name, fields.in_topography(name)
 
 
 def _signed(d_um: float) -> str:

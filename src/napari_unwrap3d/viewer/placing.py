@@ -177,7 +177,7 @@ def _same(old: Any, new: Any) -> bool:
     """Whether data are equal; the comparison is much faster than showing them anew."""
     if isinstance(new, tuple):
         return all(_same(a, b) for a, b in zip(old, new, strict=True))
-    return bool(np.array_equal(old, new))
+    return type(old) is type(new) and bool(np.array_equal(old, new))
 
 
 def _seen(layer: Layer) -> tuple[bool, tuple[float, ...]]:
