@@ -25,7 +25,7 @@ from .docking import Docked
 from .left_behind import LeftBehind
 from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
-from .session import session_of
+from .session import REQUESTED, session_of
 from .source_chooser import SourceChooser
 from .step_panel import HIGHLIGHT, WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
@@ -172,7 +172,7 @@ class Wizard(Docked):
         now = self.session.parameters
         groups = parameters.model_dump()
         groups["stack"]["label"] = now.stack.label
-        for step in ("direct", "plane"):
+        for step in REQUESTED:
             groups[step]["compute"] = getattr(now, step).compute
         self.session.set_parameters(Parameters.from_dict(groups))
 
