@@ -167,15 +167,29 @@ class Atlas:
             chart, numbers = ON_REQUEST[name].function(
                 charts, self.voxel_um, self.parameters, silent()
             )
-            # A new mapping: copies of this atlas must not share what is computed later.
-            kept = self.on_request if chart is None else {**self.on_request, name: chart}
-            object.__setattr__(self, "on_request", kept)
-            object.__setattr__(self, "quality", {**self.quality, name: numbers})
+            self.keep(name, chart, numbers)
         if name not in self.on_request:
             raise ChartMissingError(
                 f"The {name} was refused: {numbers['reason']}", hint=str(numbers.get("hint", ""))
             )
         return self.on_request[name]
+
+    def keep(self, name: str, chart: Any, numbers: Mapping[str, Any]) -> None:
+        """Keep something on request and its numbers, in the place of what there was.
+
+        Parameters
+        ----------
+        name : str
+            "direct", "plane" or "protrusions".
+        chart : Direct, Plane or Protrusions, or None
+            None where it was refused, and the numbers say why.
+        numbers : mapping
+            For ``quality``.
+        """
+        # New mappings: copies of this atlas must not share what is computed later.
+        kept = self.on_request if chart is None else {**self.on_request, name: chart}
+        object.__setattr__(self, "on_request", kept)
+        object.__setattr__(self, "quality", {**self.quality, name: numbers})
 
     @property
     def voxel_um(self) -> float:

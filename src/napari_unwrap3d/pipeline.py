@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -182,6 +182,11 @@ class Pipeline:
             own.append(_file_state(parameters.stack.psf))
         inputs = [self._key(_BY_NAME[name], parameters) for name in step.needs]
         return content_hash(STEP_VERSION, step.name, self._source_key, own, inputs)
+
+    def keep(self, name: str, value: Any, numbers: Mapping[str, Any]) -> None:
+        """Put a result that a person edited in the place of what the step computed, if it ran."""
+        if name in self.kept:
+            self.kept[name] = replace(self.kept[name], value=value, numbers=dict(numbers))
 
     def value(self, name: str) -> Any:
         """Result of a step that has run."""
