@@ -240,6 +240,8 @@ class AnnotationWidget(Docked):
         annotating = self.annotating
         there, drawn = annotating.atlas is not None, bool(annotating.current)
         self.tools[annotating.tool].setChecked(True)
+        if drawn:
+            self.label_box.setMaximum(max(annotating.style(annotating.current)[0]))
         self.label_box.setValue(annotating.label)
         self.radius_box.setValue(annotating.radius_um)
         if there:
