@@ -45,6 +45,11 @@ def add_charts(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--plane", action="store_true", help="also flatten the surface to a plane (Step 7)"
     )
+    parser.add_argument(
+        "--protrusions",
+        action="store_true",
+        help="also find and measure every bleb, lamellipodium and filopodium",
+    )
 
 
 def add_comparing(parser: argparse.ArgumentParser) -> None:
@@ -99,7 +104,7 @@ def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
     _merge(values, {"stack": single} if single else {})
     for setting in arguments.set:
         _merge(values, _parsed_setting(setting))
-    for chart in ("direct", "plane"):
+    for chart in ("direct", "plane", "protrusions"):
         if getattr(arguments, chart, False):
             _merge(values, {chart: {"compute": True}})
     return Parameters.from_dict(values)

@@ -6,6 +6,7 @@ and no global state is involved, and pictures can be drawn from any thread.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -181,7 +182,7 @@ def mesh_panel(
     vertices: Floats,
     faces: Ints,
     values: npt.NDArray[Any] | None,
-    colours: Colours | None,
+    colours: Callable[[npt.NDArray[Any]], Floats] | None,
     view: Any = "z",
     extent: Extent | None = None,
     pixels: int = 520,
@@ -247,6 +248,12 @@ def uv_panel(axes: Axes, image: npt.NDArray[Any], colours: Colours, title: str =
         extent=(-0.5, columns - 0.5, rows - 0.5, -0.5),
         interpolation="antialiased",
     )
+    uv_axes(axes, (rows, columns), title)
+
+
+def uv_axes(axes: Axes, shape: tuple[int, int], title: str) -> None:
+    """The two coordinates of a uv image, and its title."""
+    rows, columns = shape
     axes.set_title(title, fontsize=12, color=INK)
     axes.set_xlabel("u, around the axis (pixels)", fontsize=10)
     axes.set_ylabel("v, pole to pole (pixels)", fontsize=10)

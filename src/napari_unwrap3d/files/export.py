@@ -16,6 +16,7 @@ import numpy.typing as npt
 from ..charts import Floats, Ints, Stack, Volume
 from ..errors import InputError
 from ..progress import Progress, silent
+from . import protrusion_export
 from .atomic import write_json, write_text
 from .formats import Formats
 from .meshes import FIELD_SUFFIXES, write_mesh
@@ -50,6 +51,7 @@ OTHER_FILES = (
     "topography.ome.zarr",
     "topography_layers.parquet",
     "quality.parquet",
+    *protrusion_export.entries(),
 )
 ENTRIES = FOLDERS + FILES + OTHER_FILES
 
@@ -99,7 +101,9 @@ def export_atlas(
     with replacing_folder(folder, ENTRIES) as partial:
         _write_tables(atlas, partial, chosen)
         _write_meshes(atlas, partial / "meshes", chosen, report.part(0.0, 0.1))
-        _write_images(atlas, partial, stack, chosen, report.part(0.1, 0.5))
+        if atlas.has("protrusions"):
+            protrusion_export.write_protrusions(atlas, partial, chosen, report.part(0.1, 0.2))
+        _write_images(atlas, partial, stack, chosen, report.part(0.2, 0.5))
         save_project(atlas, partial / PROJECT_NAME, report.part(0.5, 0.75))
         if pictures:
             write_pictures(atlas, partial / "pictures", report.part(0.75, 1.0))
@@ -199,6 +203,8 @@ def _meshes(atlas: Atlas) -> Iterator[tuple[str, Floats, Ints, Mapping[str, Any]
         if atlas.has(name):
             chart = getattr(atlas, name)
             fields = atlas.reference.fields if name == "sphere" else chart.fields
+            if name == "surface" and atlas.has("protrusions"):
+                fields = {**fields, **protrusion_export.surface_fields(atlas)}
             yield name, chart.vertices, chart.faces, fields
     if atlas.has("direct"):
         direct = atlas.direct

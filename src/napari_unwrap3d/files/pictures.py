@@ -41,6 +41,7 @@ from .panels import (
     section,
     shown_heights,
 )
+from .protrusion_pictures import draw_protrusions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -453,4 +454,5 @@ PICTURES: dict[str, tuple[Callable[[Atlas], Figure], tuple[str, ...]]] = {
     "chessboard": (draw_chessboard, ("reference", "sphere", "uv")),
     "topography": (draw_topography, ("topography", "uv")),
     "direct": (draw_direct, ("direct", "surface")),
+    "protrusions": (draw_protrusions, ("protrusions", "surface", "uv", "topography")),
 }
