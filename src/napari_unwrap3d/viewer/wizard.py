@@ -22,6 +22,7 @@ from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
 from .connections import end_with_dock
 from .docking import Docked
+from .instances import instances_of
 from .left_behind import LeftBehind
 from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
@@ -64,6 +65,7 @@ class Wizard(Docked):
         self.session = session_of(napari_viewer)
         self._saving: Task | None = None
         autosave_of(self.viewer)
+        instances_of(self.viewer)
         self._build()
         self._arrange()
         self._connect()
