@@ -287,6 +287,17 @@ class Annotating(QObject):
         self.chosen.emit()
 
     @property
+    def slices(self) -> bool:
+        """Whether slices of the stack are shown in the main canvas, to be drawn on."""
+        return self.layers.slices
+
+    @slices.setter
+    def slices(self, wanted: bool) -> None:
+        if wanted != self.layers.slices:
+            self.layers.slices = wanted
+            self.chosen.emit()
+
+    @property
     def points_wanted(self) -> bool:
         """Whether a click sets a point."""
         return self._tool == POINT

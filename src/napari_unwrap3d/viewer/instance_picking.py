@@ -11,7 +11,8 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from qtpy.QtCore import QEvent, QObject
+from qtpy.QtCore import QEvent, QObject, Qt
+from qtpy.QtWidgets import QMainWindow
 
 from ..protrusions.editing import NAME
 from .canvas import canvas_of, open_canvas
@@ -23,7 +24,6 @@ ADDING = ("Shift", "Control")
 # A hand is not quite still while it clicks.
 STILL_PIXELS = 4.0
 MOVES = "pan_zoom"
-CLEAR = "Escape"
 
 
 class InstancePicking(QObject):
@@ -51,10 +51,17 @@ class InstancePicking(QObject):
         self._models = [viewer, canvas_of(viewer).model]
         for model in self._models:
             model.mouse_drag_callbacks.append(self._on_press)
-            model.bind_key(CLEAR, self._on_escape, overwrite=True)
+        # Not as a key of napari's: that of the layer that is active goes before.
+        for native in self._natives():
+            native.installEventFilter(self)
 
-    def _on_escape(self, _: Any = None) -> None:
-        self._instances.clear()
+    def _natives(self) -> list[Any]:
+        """The two canvases."""
+        viewer = self._viewer()
+        canvas = None if viewer is None else open_canvas(viewer)
+        if viewer is None or canvas is None:
+            return []
+        return [each.canvas.native for each in (viewer.window._qt_viewer, canvas.qt_viewer)]
 
     def _on_press(self, model: Any, event: Any) -> Iterator[None]:
         if event.button != 1 or not self._may_pick(model):
@@ -75,6 +82,11 @@ class InstancePicking(QObject):
         return str(getattr(active, "mode", MOVES)) == MOVES
 
     def _pick(self, model: Any, event: Any) -> None:
+        if self._instances.pointing:
+            vertex = _vertex_of(self._place_at(model, event))
+            if vertex is not None:
+                self._instances.point(vertex)
+            return
         label = self._label_at(model, event)
         adding = any(key in ADDING for key in event.modifiers)
         if label in self._instances.hidden:
@@ -92,20 +104,25 @@ class InstancePicking(QObject):
         canvas = None if viewer is None else open_canvas(viewer)
         if canvas is None:
             return None
-        if model is not viewer:
-            return self._in_image(canvas, event)
-        if viewer.dims.ndisplay != 3:
+        if model is viewer and viewer.dims.ndisplay != 3:
             return self._in_slice(viewer, event)
-        return self._on_surface(canvas.cursor.place_in_3d(viewer, event))
-
-    def _in_image(self, canvas: Any, event: Any) -> int | None:
-        """What is seen is what counts; where nothing is, the place that the pixel shows."""
-        layer = self._instances.annotating.layers.layer(NAME, canvas.chart)
-        if layer is not None:
-            shown = _at(layer.data, event.position)
+        if model is not viewer:
+            # What is seen is what counts; where nothing is, the place that the pixel shows.
+            layer = self._instances.annotating.layers.layer(NAME, canvas.chart)
+            shown = None if layer is None else _at(layer.data, event.position)
             if shown:
                 return shown
-        return self._on_surface(canvas.cursor.unwrapped_place(event))
+        return self._on_surface(self._place_at(model, event))
+
+    def _place_at(self, model: Any, event: Any) -> Any:
+        """The place of the cell that was clicked, None beside it."""
+        viewer = self._viewer()
+        canvas = None if viewer is None else open_canvas(viewer)
+        if canvas is None:
+            return None
+        if model is not viewer:
+            return canvas.cursor.unwrapped_place(event)
+        return canvas.cursor.place_in_3d(viewer, event) if viewer.dims.ndisplay == 3 else None
 
     def _in_slice(self, viewer: Any, event: Any) -> int | None:
         """In a slice of the stack a protrusion is all of its voxels."""
@@ -119,9 +136,8 @@ class InstancePicking(QObject):
         edits = self._instances.edits
         if place is None or edits is None:
             return None
-        if place.corners is None or place.weights is None:
-            return 0
-        return int(edits.annotations.labels(NAME)[place.corners[int(np.argmax(place.weights))]])
+        vertex = _vertex_of(place)
+        return 0 if vertex is None else int(edits.annotations.labels(NAME)[vertex])
 
     def close(self) -> None:
         """Listen no longer."""
@@ -129,13 +145,22 @@ class InstancePicking(QObject):
         for model in models:
             if self._on_press in model.mouse_drag_callbacks:
                 model.mouse_drag_callbacks.remove(self._on_press)
-            model.bind_key(CLEAR, None, overwrite=True)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes."""
-        if event.type() == QEvent.Type.Close:
+        """Escape over a canvas; the window closes."""
+        kind = event.type()
+        if kind == QEvent.Type.KeyPress and event.key() == Qt.Key.Key_Escape:
+            self._instances.clear()
+        elif kind == QEvent.Type.Close and isinstance(watched, QMainWindow):
             self.close()
         return super().eventFilter(watched, event)
+
+
+def _vertex_of(place: Any) -> int | None:
+    """The vertex of the surface next to a place; None where that is not on the surface."""
+    if place is None or place.corners is None or place.weights is None:
+        return None
+    return int(place.corners[int(np.argmax(place.weights))])
 
 
 def _at(image: Any, position: Any) -> int | None:

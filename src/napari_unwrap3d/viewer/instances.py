@@ -9,22 +9,22 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qtpy.QtCore import QEvent, QObject, Signal
 
-from ..annotations.state import Drawn
-from ..errors import Unwrap3DError
+from ..errors import ParameterError, Unwrap3DError
 from ..fields import CURVATURE, PROTRUSION
 from ..protrusions.colours import instance_colours
+from ..protrusions.columns import COLUMNS
 from ..protrusions.editing import EDITED, NAME, ProtrusionEdits
 from .annotating import LABELS, annotating_of
 from .canvas import canvas_of
-from .instance_filter import Filter
+from .instance_annotation import put_labels
+from .instance_filter import Filter, filter_from
+from .instance_look import look_at, strengths
 from .painting import BRUSH, LOOK
-from .placing import chart_of
 from .session import session_of
 from .step_states import RUNNING, STALE
 from .threads import Task, tell
@@ -38,19 +38,19 @@ if TYPE_CHECKING:
     from .session import Session
 
 STEP = "protrusions"
-KEPT = "protrusions, edited"
 # A stroke that rests this long is measured.
 REST_MS = 300
 CLOSE_SECONDS = 5.0
-# What those that are not selected are drawn with: a grey with a little of their colour in it.
-GREY, OWN_SHARE, DIMMED = (0.5, 0.5, 0.5), 0.25, 0.85
+# What is shown of the table at first.
+COLUMNS_FIRST = ("label", "motif", "height_max_um", "area_um2", "volume_um3", "width_um", "neck_um")
+PARTS = 2
+POINT = "Its peaks do not part it: click a place in each of the two parts. Esc stops."
 
 NO_CELL = "There is no unwrapped cell yet: unwrap one, or open a project."
 NOT_FOUND = "Press Run to find and measure the protrusions of this cell."
 FINDING = "Finding protrusions …"
 OTHERS = "These protrusions belong to other parameters: press Run."
 DELETED = "The annotation “protrusions” was deleted: undo that, or segment again."
-SAVED = f"What you had edited is kept as the annotation “{KEPT}”."
 
 
 class Instances(QObject):
@@ -64,6 +64,8 @@ class Instances(QObject):
         Labels, in the order in which they were selected.
     filter : Filter
         Which are shown.
+    columns : tuple of str
+        The measures that the table shows.
     measure : str
         The column of the table that colours them; empty for a colour each.
 
@@ -91,7 +93,9 @@ class Instances(QObject):
         self.found: Protrusions | None = None
         self.selection: tuple[int, ...] = ()
         self.filter = Filter()
+        self.columns: tuple[str, ...] = COLUMNS_FIRST
         self.measure = ""
+        self._seeds: list[int] | None = None
         self._atlas: Atlas | None = None
         self._edits: ProtrusionEdits | None = None
         self._discard = False
@@ -180,9 +184,7 @@ class Instances(QObject):
         self._atlas, self.found = atlas, found
         self._edits = ProtrusionEdits(atlas)
         if not (same or (known and first)):
-            if known and was_edited:
-                self._put_away(atlas)
-            _put_labels(atlas, found)
+            put_labels(atlas.annotations, found, keep=known and was_edited)
         self._reason = self.reason()
         if NAME in self.annotating.names:
             self.annotating.current = NAME
@@ -192,14 +194,6 @@ class Instances(QObject):
         self.restyle()
         # A project may have strokes that were not measured any more.
         self._timer.start()
-
-    def _put_away(self, atlas: Atlas) -> None:
-        """Keep what a person edited beside what was found now."""
-        names, name, number = atlas.annotations.names, KEPT, 2
-        while name in names:
-            name, number = f"{KEPT} ({number})", number + 1
-        atlas.annotations.rename(NAME, name)
-        self.working.emit(SAVED)
 
     def _leave(self) -> None:
         self._atlas, self._edits, self.found = None, None, None
@@ -219,10 +213,15 @@ class Instances(QObject):
         if not edits.started or np.array_equal(edits.labels, self.found.labels):
             self._on_steps()
             return
-        self.working.emit("Measuring what changed …")
-        self._run(_measured, self._on_measured, edits, self.session.pipeline)
+        if not self.pointing:
+            self.working.emit("Measuring what changed …")
+        self._task = Task(_measured, edits, self.session.pipeline)
+        self._task.returned.connect(self._on_measured)
+        self._task.failed.connect(self._on_failed)
+        self._task.start()
 
     def _on_measured(self, measured: tuple[ProtrusionEdits, Protrusions]) -> None:
+        self._end_task()
         edits, found = measured
         if edits is not self._edits:
             return
@@ -234,22 +233,14 @@ class Instances(QObject):
         self.restyle()
         self._measure()
 
-    def _run(self, function: Callable[..., Any], then: Callable[[Any], None], *given: Any) -> None:
-        task = self._task = Task(function, *given)
-
-        def ended(result: Any) -> None:
-            self._task = None
-            self.working.emit("")
-            then(result)
-
-        task.returned.connect(ended)
-        task.failed.connect(self._on_failed)
-        task.start()
-
     def _on_failed(self, error: BaseException) -> None:
-        self._task = None
-        self.working.emit("")
+        self._end_task()
         tell(error)
+
+    def _end_task(self) -> None:
+        self._task = None
+        if not self.pointing:
+            self.working.emit("")
 
     def _renew_fields(self) -> None:
         canvas_of(self.viewer).colouring.renew()
@@ -260,6 +251,7 @@ class Instances(QObject):
         """Select these, everywhere; others are drawn dimmed."""
         chosen = tuple(dict.fromkeys(int(label) for label in labels))
         if chosen != self.selection:
+            self.stop_pointing()
             self.selection = chosen
             self.restyle()
             self.selected.emit()
@@ -272,8 +264,11 @@ class Instances(QObject):
             self.select((*self.selection, label))
 
     def clear(self) -> None:
-        """Select nothing."""
-        self.select(())
+        """Select nothing; while a protrusion is being split, only stop that."""
+        if self.pointing:
+            self.stop_pointing()
+        else:
+            self.select(())
 
     def _keep_selection(self) -> None:
         """Of what is selected, what still is there and can be seen."""
@@ -318,41 +313,21 @@ class Instances(QObject):
 
     def colour(self, label: int) -> Colour:
         """Of a protrusion, as strong as if all were selected."""
-        own = {} if self._edits is None else self._edits.annotations.colours(NAME)
+        edits, own = self._edits, {}
+        if edits is not None and edits.started:
+            own = edits.annotations.colours(NAME)
         colour = own.get(label) or instance_colours([label])[label]
         return (*colour[:3], 1.0)
 
     def _colours(self) -> Mapping[int, Colour]:
-        hidden, chosen = self.hidden, set(self.selection)
         count = max(LABELS, *(label + 1 for label in self.labels), 0)
-        colours = {}
-        for label, colour in instance_colours(range(1, count)).items():
-            faint = bool(chosen) and label not in chosen
-            if label in hidden:
-                # In a measure's colours the field would be seen.
-                colours[label] = (*GREY, float(bool(self.measure)))
-            elif faint:
-                colours[label] = (*_faded(colour), DIMMED)
-            else:
-                colours[label] = (*colour[:3], float(not self.measure))
-        return colours
+        return strengths(count, self.hidden, set(self.selection), bool(self.measure))
 
     def show(self) -> None:
-        """Turn and move the views to the selected protrusions."""
-        if self.found is None or self._atlas is None or not self.selection:
-            return
-        vertices = self._atlas.surface.vertices
-        chosen = np.isin(self.found.labels, self.selection)
-        layer = next((each for each in self.viewer.layers if chart_of(each) == "surface"), None)
-        if layer is None or not chosen.any():
-            return
-        middle = vertices[chosen].mean(axis=0)
-        outwards = middle - vertices.mean(axis=0)
-        camera = self.viewer.scene.camera
-        camera.center = tuple(middle * layer.scale[-3:] + layer.translate[-3:])
-        if self.viewer.dims.ndisplay == 3 and np.linalg.norm(outwards) > 0:
-            up = np.eye(3)[int(np.abs(outwards).argmin())]
-            camera.set_view_direction(tuple(-outwards), tuple(up))
+        """Turn and move the 3D view to the selected protrusions."""
+        if self.found is not None and self._atlas is not None:
+            chosen = np.isin(self.found.labels, self.selection)
+            look_at(self.viewer, self._atlas.surface.vertices, chosen)
 
     # Edits -----------------------------------------------------------------------------
 
@@ -362,9 +337,41 @@ class Instances(QObject):
         self._edit(lambda edits: [edits.merge(chosen)])
 
     def split(self) -> None:
-        """Make two of the one that is selected."""
+        """Make two of the one that is selected; where its peaks do not part it, by two clicks."""
         (label,) = self.selection
-        self._edit(lambda edits: edits.split(label))
+        if self._edits is None:
+            return
+        try:
+            parts = self._edits.split(label, parts=PARTS)
+        except ParameterError:
+            self._seeds = []
+            self.working.emit(POINT)
+            return
+        self._edited(parts)
+
+    @property
+    def pointing(self) -> bool:
+        """Whether clicks say where the parts of the selected protrusion are."""
+        return self._seeds is not None
+
+    def point(self, vertex: int) -> None:
+        """A vertex in one of the parts; the second one splits the protrusion."""
+        (label,) = self.selection
+        assert self._seeds is not None
+        assert self._edits is not None
+        if int(self._edits.labels[vertex]) != label:
+            return
+        self._seeds = [*self._seeds, vertex]
+        if len(self._seeds) == PARTS:
+            seeds = np.array(self._seeds)
+            self.stop_pointing()
+            self._edit(lambda edits: edits.split(label, seeds))
+
+    def stop_pointing(self) -> None:
+        """Clicks select again."""
+        if self._seeds is not None:
+            self._seeds = None
+            self.working.emit("")
 
     def delete(self) -> None:
         """Give those that are selected back to the cortex."""
@@ -384,6 +391,10 @@ class Instances(QObject):
         except Unwrap3DError as error:
             tell(error)
             return
+        self._edited(chosen)
+
+    def _edited(self, chosen: list[int]) -> None:
+        """The labels were edited: show what can be undone, and select what came of it."""
         self.annotating.edited.emit()
         self.select(chosen)
 
@@ -417,6 +428,24 @@ class Instances(QObject):
             self._discard = False
             tell(error)
 
+    # As a project keeps it -------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """What is selected, shown and hidden, as plain data."""
+        return {
+            "selection": list(self.selection),
+            "columns": list(self.columns),
+            "filter": self.filter.plain(),
+        }
+
+    def restore(self, known: Mapping[str, Any]) -> None:
+        """Put back what :meth:`state` gave; raises what Python does where it makes no sense."""
+        columns = tuple(str(name) for name in known["columns"])
+        self.columns = tuple(name for name in columns if name in COLUMNS) or COLUMNS_FIRST
+        self.set_filter(filter_from(known["filter"]))
+        self.select(label for label in map(int, known["selection"]) if label in self.labels)
+        self.changed.emit()
+
     # The end ---------------------------------------------------------------------------
 
     def close(self) -> None:
@@ -438,31 +467,18 @@ class Instances(QObject):
         return super().eventFilter(watched, event)
 
 
-def _faded(colour: Colour) -> tuple[float, float, float]:
-    red, green, blue = (
-        OWN_SHARE * part + (1 - OWN_SHARE) * grey
-        for part, grey in zip(colour[:3], GREY, strict=True)
-    )
-    return red, green, blue
-
-
 def _measured(
     edits: ProtrusionEdits, pipeline: Pipeline | None
 ) -> tuple[ProtrusionEdits, Protrusions]:
     return edits, edits.keep(pipeline)
 
 
-def _put_labels(atlas: Atlas, found: Protrusions) -> None:
-    """Make what was found the annotation; what was drawn before cannot be undone any more."""
-    annotations = atlas.annotations
-    if NAME in annotations.names:
-        annotations.remove(NAME)
-    state = annotations.state()
-    drawn = Drawn(NAME, found.labels.astype(np.uint16))
-    annotations.restore(replace(state, drawn=(*state.drawn, drawn)))
-
-
 _INSTANCES: weakref.WeakKeyDictionary[Any, Instances] = weakref.WeakKeyDictionary()
+
+
+def open_instances(viewer: Any) -> Instances | None:
+    """The protrusions of a viewer's cell, if anyone asked for them before."""
+    return _INSTANCES.get(getattr(viewer, "__wrapped__", viewer))
 
 
 def instances_of(viewer: Any) -> Instances:

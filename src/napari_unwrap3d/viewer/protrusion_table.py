@@ -11,6 +11,7 @@ from qtpy.QtGui import QKeyEvent
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QApplication,
+    QCheckBox,
     QComboBox,
     QFileDialog,
     QHBoxLayout,
@@ -35,7 +36,7 @@ from .docking import Docked
 from .instance_edits import EditBar
 from .instance_filter_bar import FilterBar
 from .instance_model import LABEL, InstanceModel, ShownRows, title
-from .instances import NOT_FOUND, OTHERS, STEP, instances_of
+from .instances import COLUMNS_FIRST, NOT_FOUND, OTHERS, STEP, instances_of
 from .notice import small_button
 from .square_view import SquareView
 from .threads import Task, tell
@@ -45,7 +46,6 @@ if TYPE_CHECKING:
 
     from ..atlas import Atlas
 
-FIRST = (LABEL, "motif", "height_max_um", "area_um2", "volume_um3", "width_um", "neck_um")
 INSTANCE = "instance (a colour each)"
 HELP = (
     "Click a protrusion in any view to select it, with Shift or Ctrl to add it. "
@@ -81,7 +81,7 @@ class ProtrusionTable(Docked):
         self.instances = instances_of(napari_viewer)
         self._syncing = False
         self._exporting: Task | None = None
-        self._colouring_linked = False
+        self._linked = False
         self._build()
         self._arrange()
         self._connect()
@@ -106,6 +106,8 @@ class ProtrusionTable(Docked):
         for name in COLUMNS:
             if name not in WHICH:
                 self.colour_box.addItem(title(name), name)
+        self.slices = QCheckBox("Slices")
+        self.slices.setToolTip("Show slices of the stack in the main canvas, with the labels.")
         self.columns_button = small_button("Columns", "Which measures are shown.")
         self.columns_menu = QMenu(self)
         self.columns_button.setMenu(self.columns_menu)
@@ -133,13 +135,12 @@ class ProtrusionTable(Docked):
         for name in COLUMNS:
             action = self.columns_menu.addAction(title(name))
             action.setCheckable(True)
-            action.setChecked(name in FIRST)
             action.setData(name)
         header = self.table.horizontalHeader()
         header.setSectionsMovable(True)
-        for place, name in enumerate(FIRST):
+        for place, name in enumerate(COLUMNS_FIRST):
             header.moveSection(header.visualIndex(list(COLUMNS).index(name)), place)
-        self.show_columns(FIRST)
+        self._show_columns()
 
     def _arrange(self) -> None:
         top, colours, files = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
@@ -147,6 +148,7 @@ class ProtrusionTable(Docked):
         top.addWidget(self.run_button)
         colours.addWidget(QLabel("Colour by"))
         colours.addWidget(self.colour_box, 1)
+        colours.addWidget(self.slices)
         colours.addWidget(self.columns_button)
         files.addWidget(self.export_button)
         files.addWidget(self.copy_button)
@@ -169,6 +171,7 @@ class ProtrusionTable(Docked):
         instances = self.instances
         self.run_button.clicked.connect(self._on_run)
         self.colour_box.activated.connect(self._on_colour)
+        self.slices.toggled.connect(self._on_slices)
         self.columns_menu.triggered.connect(self._on_column)
         self.table.selectionModel().selectionChanged.connect(self._on_selected)
         self.export_button.clicked.connect(self._on_export)
@@ -187,12 +190,15 @@ class ProtrusionTable(Docked):
         self.rows.hide(self.instances.hidden)
         self.model.take(self.instances.found)
         self._syncing = False
+        self._show_columns()
         self._show_selection()
         self._update()
-        if self.instances.edits is not None and not self._colouring_linked:
-            self._colouring_linked = True
+        if self.instances.edits is not None and not self._linked:
+            self._linked = True
             colouring = canvas_of(self.instances.viewer).colouring
             colouring.changed.connect(self.square.follow_colours)
+            self.instances.annotating.chosen.connect(self._show_slices)
+            self._show_slices()
 
     def _update(self, _: bool = False) -> None:
         """What can be used, and why not."""
@@ -202,7 +208,7 @@ class ProtrusionTable(Docked):
         self.message.setVisible(bool(reason))
         self.run_button.setVisible(reason in (NOT_FOUND, OTHERS) and not busy)
         self.run_button.setEnabled(not instances.session.blocked())
-        for widget in (self.table, self.colour_box, self.filter_bar):
+        for widget in (self.table, self.colour_box, self.slices, self.filter_bar):
             widget.setEnabled(not reason)
         there = instances.found is not None
         self.copy_button.setEnabled(there)
@@ -229,25 +235,29 @@ class ProtrusionTable(Docked):
         self.table.viewport().update()
         self._tally()
 
-    @property
-    def shown_columns(self) -> tuple[str, ...]:
-        """The measures that are shown."""
-        return tuple(name for k, name in enumerate(COLUMNS) if not self.table.isColumnHidden(k))
-
     def show_columns(self, names: Iterable[str]) -> None:
         """Show these measures."""
-        wanted = {LABEL, *names}
-        for place, (name, action) in enumerate(
-            zip(COLUMNS, self.columns_menu.actions(), strict=True)
-        ):
-            self.table.setColumnHidden(place, name not in wanted)
-            action.setChecked(name in wanted)
+        self.instances.columns = tuple(dict.fromkeys([LABEL, *names]))
+        self._show_columns()
+
+    def _show_columns(self) -> None:
+        shown = self.instances.columns
+        for place, action in enumerate(self.columns_menu.actions()):
+            self.table.setColumnHidden(place, action.data() not in shown)
+            action.setChecked(action.data() in shown)
 
     def _on_column(self, _: object) -> None:
         self.show_columns(a.data() for a in self.columns_menu.actions() if a.isChecked())
 
     def _on_colour(self, _: int) -> None:
         self.instances.set_measure(str(self.colour_box.currentData()))
+
+    def _on_slices(self, wanted: bool) -> None:
+        if self.instances.edits is not None:
+            self.instances.annotating.slices = wanted
+
+    def _show_slices(self) -> None:
+        self.slices.setChecked(self.instances.annotating.slices)
 
     # The selection -----------------------------------------------------------------
 
@@ -298,7 +308,7 @@ class ProtrusionTable(Docked):
 
     def copy(self) -> None:
         """Put the rows and columns that are shown on the clipboard, with their titles."""
-        names = self.shown_columns
+        names = [name for name in COLUMNS if name in self.instances.columns]
         places = [list(COLUMNS).index(name) for name in names]
         lines = ["\t".join(title(name) for name in names)]
         for row in range(self.rows.rowCount()):

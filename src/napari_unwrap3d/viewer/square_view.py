@@ -5,11 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from napari.utils.colormaps import ensure_colormap
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QImage, QPixmap
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QWidget
 
 from ..errors import Unwrap3DError
+from ..fields import CURVATURE, PROTRUSION
 from ..protrusions.disk import Disk, unwrap_disk
 from .canvas import canvas_of
 from .threads import Task, tell
@@ -17,6 +19,7 @@ from .turns import soon
 
 if TYPE_CHECKING:
     from ..charts import Protrusions, Surface
+    from .colouring import Colouring
     from .instances import Instances
 
 SIDE = 150
@@ -117,15 +120,14 @@ class SquareView(QWidget):
         viewer = self._instances.viewer
         if self.disk is None or viewer is None:
             return
-        colouring = canvas_of(viewer).colouring
-        values = colouring.values("surface")
-        if values is None:
+        shown = _field(canvas_of(viewer).colouring)
+        if shown is None:
             self.picture.clear()
             return
-        image = self.disk.scalars_to_square(np.asarray(values, dtype=float))
-        low, high = colouring.limits
+        title, values, colormap, (low, high) = shown
+        image = self.disk.scalars_to_square(values)
         share = np.nan_to_num((image - low) / max(high - low, 1e-300))
-        colours = colouring.colormap.map(np.clip(share, 0.0, 1.0).ravel())
+        colours = colormap.map(np.clip(share, 0.0, 1.0).ravel())
         pixels = np.rint(255 * np.asarray(colours)).astype(np.uint8).reshape(*image.shape, 4)
         pixels[np.isnan(image)] = NO_VALUE
         pixels = np.ascontiguousarray(pixels)
@@ -133,7 +135,25 @@ class SquareView(QWidget):
         kind = QImage.Format.Format_RGBA8888
         picture = QImage(pixels.tobytes(), columns, rows, 4 * columns, kind).copy()
         self.picture.setPixmap(QPixmap.fromImage(picture))
-        self.picture.setToolTip(f"{colouring.field}, in the colours of every view.")
+        self.picture.setToolTip(f"{title}, from {low:.3g} to {high:.3g}.")
+
+
+def _field(colouring: Colouring) -> tuple[str, Any, Any, tuple[float, float]] | None:
+    """Title, values, colormap and limits of the field of every view.
+
+    A measure of protrusions is one colour all over one of them: then it is the curvature.
+    """
+    fields = colouring.fields
+    if fields is None:
+        return None
+    name = CURVATURE if colouring.field.startswith(PROTRUSION) else colouring.field
+    if name not in fields.names or not fields.known(name, "surface"):
+        return None
+    values = np.asarray(fields.values(name, "surface"), dtype=float)
+    if name == colouring.field:
+        return fields.field(name).label, values, colouring.colormap, colouring.limits
+    own = fields.colours(name)
+    return fields.field(name).label, values, ensure_colormap(own.colormap), own.limits
 
 
 def _unwrapped(surface: Surface, found: Protrusions, label: int) -> Result:
