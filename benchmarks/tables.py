@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import Any
 
 import napari_unwrap3d as unwrap3d
+from napari_unwrap3d.protrusions.columns import COLUMNS
 from napari_unwrap3d.quality import LIMITS
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -287,6 +288,14 @@ def parameters_table(step: str) -> Callable[[Results], str]:
     return made
 
 
+def columns_table(_: Results) -> str:
+    """The columns of the table of protrusions."""
+    rows = [
+        [f"`{name}`", column.unit, _escaped(column.meaning)] for name, column in COLUMNS.items()
+    ]
+    return table(["column", "unit", "what it is"], rows)
+
+
 def _plain(value: Any) -> str:
     return str(value).lower() if isinstance(value, bool) else f"{value}"
 
@@ -304,6 +313,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "routes": routes_table,
     "machine": machine_table,
     "quality": quality_table,
+    "protrusion columns": columns_table,
     **{f"parameters {step}": parameters_table(step) for step in unwrap3d.Parameters.model_fields},
 }
 

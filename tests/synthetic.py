@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import (
@@ -13,6 +14,7 @@ from napari_unwrap3d.charts import (
     Ints,
     Mask,
     Plane,
+    Protrusions,
     Reference,
     SealedSurface,
     Sphere,
@@ -22,6 +24,7 @@ from napari_unwrap3d.charts import (
 )
 from napari_unwrap3d.parameters import Parameters, PlaneParameters
 from napari_unwrap3d.progress import silent
+from napari_unwrap3d.protrusions.segment import Segmentation, measured
 from napari_unwrap3d.unwrapping.direct import Registration, direct_chart
 from napari_unwrap3d.unwrapping.plane import certify, flattened, plane_chart
 
@@ -203,3 +206,36 @@ def make_atlas(subdivisions: int = 3, rows: int = 32) -> Atlas:
             "plane": make_plane(surface, topography.surface, rows),
         },
     )
+
+
+def known_protrusions(atlas: Atlas) -> Protrusions:
+    """The three bumps of :func:`height`, each from 0.1 µm over the reference, as protrusions."""
+    axes = np.array([[1, 0.2, 0.1], [-0.3, 1, 0.3], [0.1, -0.5, 0.9]])
+    axes /= np.linalg.norm(axes, axis=1, keepdims=True)
+
+    def label(points: Floats) -> npt.NDArray[np.int32]:
+        away = points - CENTRE
+        radius = np.linalg.norm(away, axis=-1)
+        direction = away / np.maximum(radius, 1e-9)[..., None]
+        nearest = 1 + (direction @ axes.T).argmax(axis=-1)
+        high = (height(direction) > 0.1) & (radius > RADIUS)
+        return np.where(high, nearest, 0).astype(np.int32)
+
+    mask = atlas.mask
+    places = mask.to_world(np.indices(mask.shape).reshape(3, -1).T)
+    volume = np.where(mask.data, label(places).reshape(mask.shape), 0).astype(np.int32)
+    over = np.linalg.norm(atlas.surface.vertices - CENTRE, axis=1) - RADIUS
+    found = Segmentation(
+        label(atlas.surface.vertices), over, volume, mask.data & (volume == 0), {"made": "by hand"}
+    )
+    image, rows = atlas.topography.surface, atlas.topography.shape[1]
+    return measured(found, mask, atlas.surface, image, "cortex", rows=rows)
+
+
+def with_protrusions(atlas: Atlas) -> Atlas:
+    """A copy of the atlas with :func:`known_protrusions`, and without annotations."""
+    kept = {name: getattr(atlas, name) for name in type(atlas).__dataclass_fields__}
+    found = known_protrusions(atlas)
+    quality = {**atlas.quality, "protrusions": dict(found.numbers)}
+    on_request = {**atlas.on_request, "protrusions": found}
+    return Atlas(**{**kept, "on_request": on_request, "quality": quality})

@@ -47,6 +47,13 @@ def test_the_plane_is_asked_for_by_an_option() -> None:
     assert chosen_parameters(parsed("--plane", "--set", "plane.delta=100")).plane.delta == 100
 
 
+def test_the_protrusions_are_asked_for_by_an_option() -> None:
+    assert not chosen_parameters(parsed()).protrusions.compute
+    assert chosen_parameters(parsed("--protrusions")).protrusions.compute
+    radius = chosen_parameters(parsed("--protrusions", "--set", "protrusions.radius=0.3"))
+    assert (radius.protrusions.compute, radius.protrusions.radius) == (True, 0.3)
+
+
 def test_later_parameters_win(tmp_path: Path) -> None:
     file = tmp_path / "cell.toml"
     file.write_text('[uv]\nrows = 128\n[reference]\nstop = "paper"\n')

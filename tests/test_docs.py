@@ -15,7 +15,7 @@ PAGES = sorted((PROJECT / "docs").glob("*.md"))
 LINKING = [*PAGES, PROJECT / "README.md"]
 STEPS = "|".join(unwrap3d.Parameters.model_fields)
 LINK = re.compile(r"\[[^\]]+\]\(([^)\s]+)\)")
-PARAMETER = re.compile(rf"(?:`|--set )({STEPS})\.(\w+)(?:`| ?= ?(\S+?)(?:`|\n))")
+PARAMETER = re.compile(rf"(?:`|--set )({STEPS})\.(?!csv\b)(\w+)(?:`| ?= ?(\S+?)(?:`|\n))")
 NAME = re.compile(r"\b(?:unwrap3d|atlas)\.([A-Za-z_]\w*)")
 
 

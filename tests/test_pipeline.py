@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from napari_unwrap3d import requested
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Mask, Surface
 from napari_unwrap3d.errors import (
@@ -24,7 +25,7 @@ from napari_unwrap3d.geometry.mesh import euler_characteristic
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, STEPS, Pipeline, unwrap
 from napari_unwrap3d.progress import Progress
-from napari_unwrap3d.unwrapping import requested
+from napari_unwrap3d.protrusions.editing import ProtrusionEdits
 from shapes import QUICK, VOXEL_UM, ball, grid, icosphere, lumpy, small_cell_mask
 
 
@@ -406,7 +407,7 @@ def test_another_psf_under_the_same_name_is_noticed(
 
 
 def test_the_plane_is_computed_on_request_only(small_pipeline: Pipeline) -> None:
-    assert [step.name for step in ON_REQUEST] == ["direct", "plane"]
+    assert [step.name for step in ON_REQUEST] == ["direct", "plane", "protrusions"]
     assert "plane" not in small_pipeline.state(QUICK)
     pipeline = copy_of(small_pipeline)
     wanted = changed("plane", compute=True)
@@ -427,6 +428,57 @@ def test_the_plane_is_computed_on_request_only(small_pipeline: Pipeline) -> None
     assert pipeline.state(changed("plane", delta=100.0))["plane"] == "stale"
     assert pipeline.state(changed("sealed", handles="cut"))["plane"] == "stale"
     assert not pipeline.run(QUICK).has("plane")
+
+
+def test_the_protrusions_are_a_step_on_request(small_pipeline: Pipeline) -> None:
+    assert "protrusions" not in small_pipeline.state(QUICK)
+    pipeline = copy_of(small_pipeline)
+    assert pipeline.state(changed("protrusions", compute=True))["protrusions"] == "missing"
+    seen: list[str] = []
+    fractions: list[float] = []
+
+    def report(step: str, fraction: float, message: str) -> None:
+        seen.append(step)
+        fractions.append(fraction)
+
+    atlas = pipeline.run(changed("protrusions", compute=True), report)
+    assert set(seen) == {"protrusions"}
+    assert fractions == sorted(fractions)
+    assert list(atlas.quality) == [*STEP_NAMES, "protrusions"]
+    assert atlas.quality["protrusions"]["protrusions"] == atlas.protrusions.count > 0
+    assert abs(atlas.quality["protrusions"]["parts_difference"]) < 0.005
+    assert pipeline.state(QUICK)["protrusions"] == "done"
+    # Its key depends on its own two groups and on the charts before it, and on no others.
+    assert pipeline.state(changed("protrusions", radius=0.3))["protrusions"] == "stale"
+    assert pipeline.state(changed("uv", rows=40))["protrusions"] == "stale"
+    assert pipeline.state(changed("plane", delta=100.0))["protrusions"] == "done"
+    assert not pipeline.run(QUICK).has("protrusions")
+
+
+def test_the_key_of_the_protrusions_has_every_parameter_of_both_methods(
+    small_pipeline: Pipeline,
+) -> None:
+    step = next(step for step in ON_REQUEST if step.name == "protrusions")
+    assert step.parameters == ("protrusions", "topographic")
+    plain = small_pipeline._key(step, QUICK)
+    assert small_pipeline._key(step, changed("protrusions", compute=True)) == plain
+    assert small_pipeline._key(step, changed("protrusions", method="topography")) != plain
+
+
+def test_edited_protrusions_are_the_result_of_their_step(small_pipeline: Pipeline) -> None:
+    pipeline = copy_of(small_pipeline)
+    atlas = pipeline.run(QUICK, until="protrusions")
+    edits = ProtrusionEdits(atlas)
+    edits.delete(int(atlas.protrusions.columns["label"][0]))
+    kept = edits.keep(pipeline)
+    again = pipeline.run(QUICK, until="protrusions")
+    assert again.protrusions is kept is atlas.protrusions
+    assert again.quality["protrusions"] == atlas.quality["protrusions"]
+    assert pipeline.state(QUICK)["protrusions"] == "done"
+    # What came since is taken by whoever edits.
+    assert atlas.completed(pipeline.run(QUICK, until="protrusions"))
+    # A pipeline that never found any has nothing to put it in the place of.
+    edits.keep(copy_of(small_pipeline))
 
 
 def test_progress_of_the_plane_runs_from_zero_to_one(small_pipeline: Pipeline) -> None:

@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from .geometry.compare import compare_meshes
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
+    from .protrusions.editing import ProtrusionEdits
     from .protrusions.segment import segment_protrusions
     from .sampling import sample_signal
     from .unwrapping import uv_views
@@ -61,6 +62,7 @@ _LAZY = {
     "Mask": "charts",
     "Plane": "charts",
     "Protrusions": "charts",
+    "ProtrusionEdits": "protrusions.editing",
     "Reference": "charts",
     "SealedSurface": "charts",
     "Sphere": "charts",
@@ -92,6 +94,7 @@ __all__ = [
     "Pipeline",
     "Plane",
     "Progress",
+    "ProtrusionEdits",
     "Protrusions",
     "Reference",
     "SealedSurface",

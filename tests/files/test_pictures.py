@@ -15,12 +15,12 @@ from napari_unwrap3d.files.drawing import round_length, sequential, symmetric
 from napari_unwrap3d.files.panels import front_and_back, highest_pixel
 from napari_unwrap3d.files.pictures import PICTURES, write_pictures
 from napari_unwrap3d.progress import Progress
-from synthetic import RADIUS, make_atlas
+from synthetic import RADIUS, make_atlas, with_protrusions
 
 
 @pytest.fixture(scope="module")
 def atlas() -> Atlas:
-    return make_atlas()
+    return with_protrusions(make_atlas())
 
 
 def test_every_chart_has_a_picture_with_something_on_it(atlas: Atlas, tmp_path: Path) -> None:
@@ -49,6 +49,7 @@ def test_charts_without_fields_are_drawn_too(atlas: Atlas, tmp_path: Path) -> No
         "uv_distortion",
         "topography",
         "direct",
+        "protrusions",
     }
 
 

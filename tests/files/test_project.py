@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
@@ -20,12 +21,12 @@ from napari_unwrap3d.files.project import (
     save_project,
 )
 from napari_unwrap3d.progress import Progress
-from synthetic import make_atlas
+from synthetic import make_atlas, with_protrusions
 
 
 @pytest.fixture(scope="module")
 def atlas() -> Atlas:
-    return make_atlas()
+    return with_protrusions(make_atlas())
 
 
 @pytest.fixture(scope="module")
@@ -56,6 +57,61 @@ def test_every_array_and_number_comes_back_bit_for_bit(atlas: Atlas, saved: Path
     loaded = load_project(saved)
     for name in (*project.CHARTS, "parameters", "quality", "provenance"):
         assert_same(getattr(atlas, name), getattr(loaded, name), name)
+
+
+def test_a_project_of_schema_3_still_opens_and_takes_protrusions(
+    tmp_path: Path, atlas: Atlas
+) -> None:
+    before = atlas.replaced(on_request={})
+    before.annotations.add("drawn")
+    before.annotations.draw_vertices("drawn", np.arange(20), 3)
+    current, old = save_project(before, tmp_path / "current"), tmp_path / "old.unwrap3d"
+    with zipfile.ZipFile(current) as new, zipfile.ZipFile(old, "w") as changed:
+        for entry in new.infolist():
+            content = new.read(entry)
+            if entry.filename == "zarr.json":
+                node = json.loads(content)
+                node["attributes"]["schema_version"] = 3
+                content = json.dumps(node).encode()
+            changed.writestr(entry.filename, content)
+    opened = load_project(old)
+    assert not opened.has("protrusions")
+    opened.keep("protrusions", atlas.protrusions, dict(atlas.protrusions.numbers))
+    again = load_project(save_project(opened, old))
+    assert read_summary(old)["schema_version"] == SCHEMA_VERSION
+    assert_same(again.protrusions, atlas.protrusions)
+    np.testing.assert_array_equal(
+        again.annotations.labels("drawn"), before.annotations.labels("drawn")
+    )
+
+
+def test_protrusions_without_a_row_come_back(tmp_path: Path, atlas: Atlas) -> None:
+    found = atlas.protrusions
+    none = replace(
+        found,
+        labels=np.zeros_like(found.labels),
+        volume=replace(found.volume, data=np.zeros_like(found.volume.data)),
+        cortex=atlas.mask,
+        columns={name: column[:0] for name, column in found.columns.items()},
+    )
+    path = save_project(atlas.replaced(on_request={"protrusions": none}), tmp_path / "none")
+    assert_same(load_project(path).protrusions, none)
+
+
+@pytest.mark.parametrize("wrong", ["vertex", "voxel", "row", "motif"])
+def test_protrusions_that_point_at_nothing_are_refused(
+    tmp_path: Path, atlas: Atlas, wrong: str
+) -> None:
+    found = atlas.protrusions
+    changes: dict[str, Any] = {
+        "vertex": {"labels": found.labels - 1},
+        "voxel": {"volume": replace(found.volume, data=found.volume.data - 1)},
+        "row": {"columns": {**found.columns, "label": found.columns["label"] - 1}},
+        "motif": {"columns": {**found.columns, "motif": found.columns["motif"] + 3}},
+    }
+    bad = atlas.replaced(on_request={"protrusions": replace(found, **changes[wrong])})
+    with pytest.raises(FileFormatError, match=wrong):
+        load_project(save_project(bad, tmp_path / "bad"))
 
 
 def test_bits_survive_whatever_the_values_are(tmp_path: Path, atlas: Atlas) -> None:

@@ -12,7 +12,9 @@ from typing import Any, get_type_hints
 import numpy as np
 import numpy.typing as npt
 
+from ..annotations.shapes import LARGEST_LABEL
 from ..charts import (
+    MOTIFS,
     UV,
     Direct,
     Mask,
@@ -142,6 +144,11 @@ def _check_protrusions(found: Protrusions, surface: Surface | None, mask: Mask |
         _shape("labels of the protrusions", found.labels, (len(surface.vertices),))
     if mask is not None:
         _shape("volumes of the protrusions", found.volume.data, mask.shape)
+    for name, labels in (("vertex", found.labels), ("voxel", found.volume.data)):
+        _within(f"label of a {name}", labels, 0, LARGEST_LABEL + 1)
+    _within("label of a row", found.columns["label"], 1, LARGEST_LABEL + 1)
+    if "motif" in found.columns:
+        _within("motif", found.columns["motif"], 0, len(MOTIFS))
 
 
 def _require(holds: bool, what: str, **measured: Any) -> None:

@@ -82,4 +82,4 @@ def _in_words(found: Protrusions) -> str:
     counted = [f"{n} like a {motif}" for n, motif in zip(motifs, MOTIFS, strict=True) if n]
     volume = int(np.count_nonzero(found.volume.data))
     part = volume / max(volume + int(np.count_nonzero(found.cortex.data)), 1)
-    return f"{found.count} ({', '.join(counted)}), {part:.1%} of the cell's volume"
+    return f"{found.count} found ({', '.join(counted)}), {part:.1%} of the cell's volume"

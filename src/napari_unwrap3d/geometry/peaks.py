@@ -50,7 +50,7 @@ def around_peaks(graph: sparse.csr_array, height: Floats, count: int) -> tuple[I
 
     From the top down, every node joins its highest neighbour's basin. Where two basins meet,
     the lower peak ends: it stands out by its height over this saddle (persistence), and its
-    basin becomes part of the higher one's unless it is one of those that are asked for.
+    basin becomes part of the one across unless it is one of those that are asked for.
 
     Parameters
     ----------
@@ -74,15 +74,21 @@ def around_peaks(graph: sparse.csr_array, height: Floats, count: int) -> tuple[I
     kept = ranked[:count]
     number = np.full(len(height), -1, np.int64)
     number[kept] = np.arange(len(kept))
-    # What a peak ends in stands out more than it does, so it has its number before.
     for node in ranked[count:]:
-        number[node] = number[into[node]] if into[node] != node else 0
+        end = node
+        while number[end] < 0 and into[end] != end:
+            end = into[end]
+        number[node] = max(number[end], 0)
     return number[peak], kept
 
 
 @numba.njit(nogil=True, cache=True)
 def _basins(indptr, indices, height, order):  # type: ignore[no-untyped-def]
-    """The peak of every node; what every peak ends in, and by how much it stands out."""
+    """The peak of every node; beside which basin every peak ends, and how far it stands out.
+
+    The basin is that across the saddle, not the highest of all that it has become part of: it
+    may be one of those that are asked for. Following these leads to the highest of all.
+    """
     size = len(height)
     peak = np.full(size, -1, np.int64)
     parent, into = np.arange(size), np.arange(size)
@@ -101,9 +107,11 @@ def _basins(indptr, indices, height, order):  # type: ignore[no-untyped-def]
             a, b = _root(parent, peak[node]), _root(parent, peak[other])
             if a == b:
                 continue
+            beside = peak[node]
             if height[a] < height[b] or (height[a] == height[b] and a > b):
                 a, b = b, a
-            parent[b], into[b] = a, a
+                beside = peak[other]
+            parent[b], into[b] = a, beside
             persistence[b] = height[b] - height[node]
     return peak, into, persistence
 

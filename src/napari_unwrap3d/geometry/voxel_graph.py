@@ -96,25 +96,27 @@ def _components(neighbours, chosen):  # type: ignore[no-untyped-def]
     return out
 
 
-def spread(graph: VoxelGraph, seeds: Labels) -> Labels:
+def spread(graph: VoxelGraph, seeds: Labels, reach: float = np.inf) -> Labels:
     """The label of the seed that is nearest along paths within the solid.
 
     Parameters
     ----------
     seeds : ndarray, (n,) int32
         0 where a label is wanted.
+    reach : float
+        Length of the longest path, in voxels.
 
     Returns
     -------
     ndarray, (n,) int32
-        0 in parts of the solid without a seed. Of two seeds as near, the smaller label.
+        0 where no seed is within reach. Of two seeds as near, the smaller label.
     """
-    labels: Labels = _spread(graph.neighbours, LENGTHS, seeds)
+    labels: Labels = _spread(graph.neighbours, LENGTHS, seeds, reach)
     return labels
 
 
 @numba.njit(nogil=True, cache=True)
-def _spread(neighbours, lengths, seeds):  # type: ignore[no-untyped-def]
+def _spread(neighbours, lengths, seeds, reach):  # type: ignore[no-untyped-def]
     out = seeds.copy()
     best = np.full(len(seeds), np.inf)
     heap = [(0.0, np.int64(0), np.int64(0)) for _ in range(0)]
@@ -122,24 +124,26 @@ def _spread(neighbours, lengths, seeds):  # type: ignore[no-untyped-def]
         if seeds[i] > 0:
             best[i] = 0.0
             for k in range(neighbours.shape[1]):
-                j = neighbours[i, k]
+                j = np.int64(neighbours[i, k])
                 if j >= 0 and seeds[j] == 0:  # others have nothing to tell
                     heapq.heappush(heap, (0.0, np.int64(seeds[i]), np.int64(i)))
                     break
     while len(heap) > 0:
-        distance, label, i = heapq.heappop(heap)
-        if distance > best[i] or label != out[i]:
+        distance, label, node = heapq.heappop(heap)
+        if distance > best[node] or label != out[node]:
             continue
         for k in range(neighbours.shape[1]):
-            j = neighbours[i, k]
+            j = np.int64(neighbours[node, k])
             if j < 0:
                 continue
             there = distance + lengths[k]
+            if there > reach:
+                continue
             nearer = there < best[j] - 1e-9
             if nearer or (there <= best[j] + 1e-9 and label < out[j]):
                 best[j] = min(there, best[j])
                 out[j] = label
-                heapq.heappush(heap, (best[j], label, np.int64(j)))
+                heapq.heappush(heap, (best[j], label, j))
     return out
 
 

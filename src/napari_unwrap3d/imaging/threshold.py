@@ -8,6 +8,8 @@ from scipy import ndimage
 
 from ..charts import Size3
 from ..errors import EmptyMaskError, ParameterError
+from ..geometry.distance import signed_distance
+from ..geometry.topology import fill_cavities, largest_part
 from ..parameters import StackParameters
 from ..progress import Progress
 from .enhance import Image, enhanced
@@ -15,6 +17,10 @@ from .resample import interpolate_axis
 
 # Smoothing by less than this does nothing.
 SMALLEST_SIGMA = 0.3
+# Where the steepest level is looked for: in voxels around the outline, and in intensities there.
+EDGE_VOXELS = 4.0
+EDGE_LEVELS = (0.02, 0.98)
+EDGE_BINS = 40
 
 
 def foreground(
@@ -136,6 +142,8 @@ def threshold_of(values: Image, parameters: StackParameters) -> float:
         )
     if parameters.threshold in ("otsu", "multi-level"):
         return float(threshold_otsu(values.ravel()))
+    if parameters.threshold == "edge":
+        return steepest_level(values, float(threshold_otsu(values.ravel())))
     if parameters.threshold_class >= parameters.threshold_classes:
         raise ParameterError(
             "The lowest class kept does not exist.",
@@ -152,3 +160,29 @@ def threshold_of(values: Image, parameters: StackParameters) -> float:
             hint="Use threshold = otsu.",
         ) from None
     return float(levels[parameters.threshold_class - 1])
+
+
+def steepest_level(values: Image, threshold: float) -> float:
+    """The intensity at which the image rises most steeply into the cell.
+
+    Blur moves a bright membrane's outline at any fixed part of the contrast outwards; the
+    steepest place stays where the edge is, to first order. Measured along the normals of the
+    outline at `threshold`, next to it, on average over all places of the same intensity.
+    """
+    cell = fill_cavities(largest_part(values > threshold))
+    if cell.all() or not cell.any():
+        return threshold
+    distance = signed_distance(cell)
+    near = np.abs(distance) < EDGE_VOXELS
+    smooth = ndimage.gaussian_filter(np.clip(distance, -2 * EDGE_VOXELS, 2 * EDGE_VOXELS), 1.0)
+    inward = [-slope[near] for slope in np.gradient(smooth)]
+    rise = sum(a[near] * b for a, b in zip(np.gradient(values), inward, strict=True))
+    level = values[near]
+    lowest, highest = np.quantile(level, EDGE_LEVELS)
+    edges = np.linspace(float(lowest), float(highest), EDGE_BINS + 1)
+    which = np.digitize(level, edges)
+    # The first and the last bin are what lies beyond the levels.
+    count = np.bincount(which, minlength=EDGE_BINS + 2)[1:-1]
+    mean = np.bincount(which, rise, EDGE_BINS + 2)[1:-1] / np.maximum(count, 1)
+    steepest = int(np.argmax(ndimage.uniform_filter1d(mean, 3, mode="nearest")))
+    return float(edges[steepest : steepest + 2].mean())

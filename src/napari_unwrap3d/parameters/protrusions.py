@@ -31,14 +31,6 @@ class ProtrusionParameters(StepParameters):
         gt=0,
         lt=1,
     )
-    second_radius: float = setting(
-        0.65,
-        "Radius under protrusions",
-        "The same for the cortex under the footprints of the protrusions that were found: a "
-        "larger ball does not rise into wide ones.",
-        gt=0,
-        lt=1,
-    )
     threshold_um: float | None = setting(
         None,
         "Threshold",
@@ -62,19 +54,21 @@ class ProtrusionParameters(StepParameters):
         unit="µm",
         ge=0,
     )
-    join: float = setting(
-        0.12,
+    join: float | None = setting(
+        None,
         "Join",
         "Two footprints are one protrusion where the lower peak rises over the saddle between "
-        "them by less than this part of its height.",
+        "them by less than this part of its height; by the kind unless given (0.12 blebs, 0.25 "
+        "lamellipodia). 0: filopodia that touch with their tips stay apart.",
         ge=0,
         le=1,
     )
-    split: float = setting(
-        0.6,
+    split: float | None = setting(
+        None,
         "Split",
         "Two peaks over one footprint are two protrusions where the saddle between them is lower "
-        "than this part of the lower peak.",
+        "than this part of the lower peak; by the kind unless given (0.6 blebs, 0.4 "
+        "lamellipodia, 0.5 filopodia).",
         ge=0,
         le=1,
     )

@@ -10,17 +10,26 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
+from scipy import ndimage, sparse
+from scipy.spatial import KDTree
 from scipy.special import ndtri
 
-from ..geometry.distance import FAR, power_distance
-from ..geometry.topology import largest_part
+from ..geometry.distance import FAR, distance_to, power_distance
+from ..geometry.laplacian import Factor, cotangent_laplacian, mass_matrix
+from ..geometry.marching import clamped_marching_cubes
+from ..geometry.mesh import vertex_normals
+from ..geometry.topology import euler_characteristic, largest_part
 
+Floats = npt.NDArray[np.float64]
+Ints = npt.NDArray[np.int64]
 Field = npt.NDArray[np.float32]
 Solid = npt.NDArray[np.bool_]
 
 # The mask is smoothed by so much to tell where its surface passes between voxels.
 SMOOTHING = 1.0
+LEAST_SHARE = 0.05  # of the smoothed mask, beyond which a voxel is as far as one can tell
+LEAST_MASS = 1e-3  # voxel² around a vertex, as slivers of marching cubes have next to none
+TUNNEL = 0.2  # how wide a hole is filled, as a part of the ball's radius
 SHELL = 2.0  # thickness of the layer of centres that is enough to draw the opened cell
 
 
@@ -41,20 +50,45 @@ class Opening:
     radius: float
 
 
-def depth(mask: Solid) -> Field:
+def largest_radius(mask: Solid) -> float:
+    """Radius in voxels of the largest ball within a solid."""
+    return float(distance_to(~mask).max()) - 0.5
+
+
+def without_tunnels(mask: Solid, radius: float) -> Solid:
+    """The solid with narrow holes through its body filled, as a ball cannot pass beside them.
+
+    A hole is filled where it is closed by a ball of a fifth of `radius` and lies within the
+    cortex of what results; gaps between protrusions stay open. A solid without handles is
+    returned as it is.
+    """
+    if euler_characteristic(mask) == 1:
+        return mask
+    reach = TUNNEL * radius
+    room = int(np.ceil(reach)) + 1
+    padded = np.pad(mask, room)
+    closed = distance_to(distance_to(padded) > reach) > reach
+    inner = tuple(slice(room, -room) for _ in range(3))
+    closed = np.ascontiguousarray(closed[inner]) | mask
+    deep = opening(depth(closed, radius), radius).height < -reach
+    filled: Solid = mask | (closed & deep)
+    return filled
+
+
+def depth(mask: Solid, at: float) -> Field:
     """Distance (z, y, x) from the surface of a solid in voxels, 0 outside of it.
 
     The surface is where the smoothed mask is ½, so that it is not off by the half voxel that
-    depends on how the surface lies on the grid.
+    depends on how the surface lies on the grid; this is exact at the depth `at`, and nearly so
+    below.
     """
-    outside = ndimage.binary_dilation(mask, np.ones((3, 3, 3))) & ~mask
+    outside = ndimage.binary_dilation(mask) & ~mask
     smooth = ndimage.gaussian_filter(mask.astype(np.float32), SMOOTHING)[outside]
-    beyond = -SMOOTHING * ndtri(np.clip(smooth.astype(float), 0.02, 0.5))
+    beyond = -SMOOTHING * ndtri(np.clip(smooth.astype(float), LEAST_SHARE, 0.5))
     # |p − q| is the depth plus how far q is beyond the surface; in squares, that is a weight
-    # which depends on the depth, and is exact at this one.
-    usual = 0.5 * np.cbrt(mask.sum() * 3 / (4 * np.pi))
+    # which depends on the depth.
     weight = np.full(mask.shape, FAR, np.float32)
-    weight[outside] = -beyond * (2 * usual + beyond)
+    weight[outside] = -beyond * (2 * at + beyond)
     squared = power_distance(weight)
     inner: Field = np.sqrt(np.maximum(squared, 0, out=squared), out=squared)
     inner[~mask] = 0
@@ -77,3 +111,59 @@ def opening(depths: Field, radius: float) -> Opening:
     height -= np.float32(radius)
     height[core] = -depths[core]
     return Opening(height, radius)
+
+
+def continued(
+    mask: Solid, opened: Opening, protrusions: Solid, above: float, reach: float
+) -> Field:
+    """The height over the cortex, which goes on smoothly under the footprints of protrusions.
+
+    A ball that opens the cell rises into wide footprints. Within `reach` voxels of them the
+    opened cell's surface is therefore drawn anew, as the surface of least bending (the squared
+    Laplacian of its points vanishes) that goes on from around them.
+
+    Parameters
+    ----------
+    mask : ndarray, (z, y, x) bool
+    opened : Opening
+        Of this mask.
+    protrusions : ndarray, (z, y, x) bool
+        The voxels that are over the cortex.
+    above : float
+        Their least height.
+    reach : float
+
+    Returns
+    -------
+    ndarray, (z, y, x) float32
+        In voxels.
+    """
+    low = np.argwhere(protrusions & (opened.height < above + reach))
+    if not len(low):
+        return opened.height
+    vertices, faces = clamped_marching_cubes(-opened.height)
+    apart, _ = KDTree(low).query(vertices, distance_upper_bound=reach)
+    free = apart <= reach
+    if free.all():
+        return opened.height
+    moved = _least_bending(vertices, faces, free)
+    rise = np.einsum("ij,ij->i", moved - vertices, vertex_normals(vertices, faces))
+    height = opened.height.copy()
+    # With the two layers around it, between which the surface is sampled.
+    near = distance_to(protrusions) <= 2 * reach
+    near &= ndimage.binary_dilation(mask, iterations=2) & (opened.height > -reach)
+    _, nearest = KDTree(vertices).query(np.argwhere(near))
+    height[near] -= rise[nearest].astype(np.float32)
+    return height
+
+
+def _least_bending(vertices: Floats, faces: Ints, free: npt.NDArray[np.bool_]) -> Floats:
+    """The vertices with the free ones where the squared Laplacian of their places vanishes."""
+    laplacian = cotangent_laplacian(vertices, faces)
+    mass = mass_matrix(vertices, faces, "barycentric", LEAST_MASS).diagonal()
+    bending = (laplacian @ sparse.diags_array(1.0 / mass) @ laplacian).tocsr()
+    inner, outer = np.flatnonzero(free), np.flatnonzero(~free)
+    rows = bending[inner]
+    moved = vertices.copy()
+    moved[inner] = Factor(rows[:, inner]).solve(-(rows[:, outer] @ vertices[outer]))
+    return moved

@@ -234,6 +234,7 @@ class ProtrusionEdits:
             method=EDITED,
             numbers={
                 **self._base.numbers,
+                "method": EDITED,
                 "protrusions": len(there),
                 **parts_against_whole(found, mask),
             },

@@ -51,12 +51,15 @@ class Rules:
         this part of the lower peak.
     least : float
         And by so many voxels in either case.
+    tips_join : bool
+        Whether roots that meet far above the cortex can be one protrusion at all.
     """
 
     threshold: float
     own: float
     split: float
     least: float
+    tips_join: bool
 
 
 def roughness(height: Heights) -> tuple[float, float]:
@@ -114,7 +117,8 @@ def join(graph: VoxelGraph, labels: Labels, height: Floats, rules: Rules) -> Lab
     found = saddles(graph, labels, height)
     for (one, other), level in zip(found.pairs.tolist(), found.height.tolist(), strict=True):
         a, b = root(one), root(other)
-        if a == b:
+        aloft = level > rules.threshold + 2 * FOOTPRINT_LAYER
+        if a == b or (aloft and not rules.tips_join):
             continue
         high, low = (a, b) if peak[a] >= peak[b] else (b, a)
         if peak[low] - level < max(rules.least, rules.own * peak[low]):

@@ -13,21 +13,27 @@ import numpy.typing as npt
 from scipy import ndimage
 from scipy.spatial import KDTree
 
-from ..charts import Floats, Mask, Surface
+from ..charts import Floats, Ints, Mask, Surface
 from ..geometry.interpolate import sample_linear
 from ..geometry.laplacian import vertex_mass
 from ..geometry.topology import box_around
 from ..geometry.voxel_graph import voxel_graph
 from ..parameters import ProtrusionParameters
 from ..progress import Progress
-from .cortex import Field, Solid, depth, opening
-from .instances import Rules, automatic_threshold, find_instances, roughness
+from .cortex import Field, Solid, continued, depth, largest_radius, opening, without_tunnels
+from .instances import automatic_threshold, find_instances, roughness
+from .kinds import KINDS, chosen_kind, rules_of
 from .segment import Segmentation
 from .volumes import down_to_cortex
 
 Labels = npt.NDArray[np.int32]
 
 MARGIN = 3
+# Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
+REACH = 0.25
+# And how far around what stands over the threshold that foot is a part of the protrusion.
+FOOT = 0.11
+LEAST_FOOT = 2.8  # voxels
 # In voxels; one less wide or high cannot be told from the roughness of the mask.
 LEAST_AREA = 60.0
 LEAST_HEIGHT = 2.5
@@ -55,38 +61,49 @@ def over_cortex(
     """
     cell = _Cell.of(mask, surface)
     progress(0.0, "opening the cell by a ball")
-    depths = progress.run(depth, cell.mask)
-    largest = float(depths.max())
-    first = progress.run(opening, depths, parameters.radius * largest)
-    at_vertices = sample_linear(first.height, cell.points)
+    largest = progress.run(largest_radius, cell.mask)
+    radius = parameters.radius * largest
+    whole = progress.run(without_tunnels, cell.mask, radius)
+    opened = progress.run(opening, progress.run(depth, whole, radius), radius)
+    at_vertices = sample_linear(opened.height, cell.points)
 
     progress(0.4, "telling protrusions apart")
-    rules = _rules(at_vertices, parameters, cell.voxel_um)
-    labels = progress.run(_instances, cell.mask, first.height, rules)
-    labels = _renumbered(labels, _large_enough(cell, labels, at_vertices, parameters))
+    median, deviation = roughness(at_vertices)
+    threshold = automatic_threshold(at_vertices)
+    if parameters.threshold_um is not None:
+        threshold = parameters.threshold_um / cell.voxel_um
+    over = progress.run(voxel_graph, cell.mask & (opened.height > threshold))
+    of_voxel = opened.height.ravel()[over.flat].astype(float)
+    least = _least(parameters, cell.voxel_um, median + STANDS_OUT * deviation)
+    tried = {}
+    for kind in KINDS if parameters.kind == "automatic" else (parameters.kind,):
+        rules = rules_of(kind, threshold, parameters.join, parameters.split)
+        labels = over.on_grid(progress.run(find_instances, over, of_voxel, rules))
+        tried[kind] = _renumbered(labels, _large_enough(cell, labels, at_vertices, least))
+    kind, reason = chosen_kind(tried)
+    labels = tried[kind]
 
     progress(0.7, "carrying them down to the cortex")
-    second = progress.run(opening, depths, parameters.second_radius * largest)
-    labels = progress.run(
-        down_to_cortex, cell.mask, labels, first.height, second.height, rules.threshold
-    )
+    reach = REACH * radius
+    height = progress.run(continued, cell.mask, opened, labels > 0, threshold, reach)
+    foot = max(FOOT * radius, LEAST_FOOT)
+    labels = progress.run(down_to_cortex, cell.mask, labels, height, threshold, foot)
     labels = _renumbered(labels, _by_volume(labels))
     progress(0.9, "carrying them to the surface")
-    of_vertex = cell.at_vertices(labels)
-    height = _height(at_vertices, sample_linear(second.height, cell.points), of_vertex)
     volume = np.zeros(mask.shape, np.int32)
     volume[cell.box] = labels
     numbers = {
         "largest_radius_um": largest * cell.voxel_um,
-        "radius_um": first.radius * cell.voxel_um,
-        "second_radius_um": second.radius * cell.voxel_um,
-        "threshold_um": rules.threshold * cell.voxel_um,
-        "kind": parameters.kind,
-        "kind_reason": "chosen" if parameters.kind != "automatic" else "all kinds alike",
+        "radius_um": radius * cell.voxel_um,
+        "threshold_um": threshold * cell.voxel_um,
+        "cortex_median_um": median * cell.voxel_um,
+        "cortex_deviation_um": deviation * cell.voxel_um,
+        "kind": kind,
+        "kind_reason": reason,
     }
     return Segmentation(
-        labels=of_vertex,
-        height_um=height * cell.voxel_um,
+        labels=cell.at_vertices(labels),
+        height_um=sample_linear(height, cell.points).astype(float) * cell.voxel_um,
         volume=volume,
         cortex=np.asarray(mask.data) & (volume == 0),
         numbers=numbers,
@@ -95,13 +112,15 @@ def over_cortex(
 
 @dataclass(frozen=True, eq=False)
 class _Cell:
-    """The box around the cell, and the surface in its voxels."""
+    """The box around the cell, the surface in its voxels, and the outermost of these."""
 
     mask: Solid
     box: tuple[slice, ...]
     points: Floats
     area: Floats
     voxel_um: float
+    shell: Ints
+    nearest: Ints
 
     @classmethod
     def of(cls, mask: Mask, surface: Surface) -> _Cell:
@@ -111,45 +130,39 @@ class _Cell:
         points = mask.to_index(surface.vertices) - corner
         voxel_um = float(np.mean(mask.voxel_size))
         area = vertex_mass(surface.vertices, surface.faces)
-        return cls(np.ascontiguousarray(solid[box]), box, points, area, voxel_um)
+        inside = np.ascontiguousarray(solid[box])
+        shell = np.argwhere(inside & ~ndimage.binary_erosion(inside))
+        _, nearest = KDTree(shell).query(points)
+        return cls(inside, box, points, area, voxel_um, shell, nearest)
 
     def at_vertices(self, values: Labels) -> Labels:
         """Of the mask's outermost voxel nearest to each vertex."""
-        inner = ndimage.binary_erosion(self.mask, border_value=0)
-        shell = np.argwhere(self.mask & ~inner)
-        _, nearest = KDTree(shell).query(self.points)
-        found: Labels = values[tuple(shell[nearest].T)]
+        found: Labels = values[tuple(self.shell[self.nearest].T)]
         return found
 
 
-def _rules(height: Field, parameters: ProtrusionParameters, voxel_um: float) -> Rules:
-    given = parameters.threshold_um
-    threshold = automatic_threshold(height) if given is None else given / voxel_um
-    return Rules(threshold, own=parameters.join, split=parameters.split, least=2.0)
-
-
-def _instances(mask: Solid, height: Field, rules: Rules) -> Labels:
-    graph = voxel_graph(mask & (height > rules.threshold))
-    of_node = height.ravel()[graph.flat].astype(float)
-    return graph.on_grid(find_instances(graph, of_node, rules))
+def _least(
+    parameters: ProtrusionParameters, voxel_um: float, noticeable: float
+) -> tuple[float, float]:
+    """The least area in voxel² and the least height in voxels of a protrusion."""
+    area, height = LEAST_AREA, max(LEAST_HEIGHT, noticeable)
+    if parameters.least_area_um2 is not None:
+        area = parameters.least_area_um2 / voxel_um**2
+    if parameters.least_height_um is not None:
+        height = parameters.least_height_um / voxel_um
+    return area, height
 
 
 def _large_enough(
-    cell: _Cell, labels: Labels, height: Field, parameters: ProtrusionParameters
+    cell: _Cell, labels: Labels, height: Field, least: tuple[float, float]
 ) -> list[int]:
     """The labels that cover enough of the surface and are high enough."""
     of_vertex = cell.at_vertices(labels)
     count = int(labels.max(initial=0)) + 1
-    area = np.bincount(of_vertex, cell.area, count)
+    area = np.bincount(of_vertex, cell.area, count) / cell.voxel_um**2
     top = np.zeros(count)
     np.maximum.at(top, of_vertex, height)
-    least_area, least_height = parameters.least_area_um2, parameters.least_height_um
-    if least_area is None:
-        least_area = LEAST_AREA * cell.voxel_um**2
-    if least_height is None:
-        median, deviation = roughness(height)
-        least_height = max(LEAST_HEIGHT, median + STANDS_OUT * deviation) * cell.voxel_um
-    kept = (area >= least_area) & (top * cell.voxel_um >= least_height)
+    kept = (area >= least[0]) & (top >= least[1])
     return [int(label) for label in np.flatnonzero(kept) if label > 0]
 
 
@@ -164,8 +177,3 @@ def _renumbered(labels: Labels, kept: list[int]) -> Labels:
     new = np.zeros(int(labels.max(initial=0)) + 1, np.int32)
     new[kept] = np.arange(1, len(kept) + 1)
     return new[labels]
-
-
-def _height(first: Field, second: Field, labels: Labels) -> Floats:
-    """Over the first opening, and where there is a protrusion over the second one."""
-    return np.where(labels > 0, np.maximum(first, second), first).astype(float)

@@ -121,6 +121,7 @@ def measured(
         method=method,
         numbers={
             **found.numbers,
+            "method": method,
             "protrusions": len(columns["label"]),
             **parts_against_whole(found, mask),
         },

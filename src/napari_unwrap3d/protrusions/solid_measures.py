@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -77,17 +78,17 @@ def measure_solids(
 def _measure(solid: Solid, cortex: Solid, voxel_um: float) -> dict[str, float]:
     """Of one solid, on a part of the grid around it."""
     points = np.argwhere(solid).astype(np.float64)
-    area, normal, base = _base(solid, cortex)
-    widths = 2 * np.sqrt(_sections(solid, base, area) / math.pi)
+    base = _base(solid, cortex)
+    widths = 2 * np.sqrt(_sections(solid, base) / math.pi)
     extents = AXIS_PER_DEVIATION * _deviations(points)
     length, breadth, thickness = extents.tolist()
-    axis = _axis(points, base, normal)
+    axis = _axis(points, base)
     return {
         "volume_um3": len(points) * voxel_um**3,
-        "base_area_um2": area * voxel_um**2,
-        "width_um": 2 * math.sqrt(area / math.pi) * voxel_um,
+        "base_area_um2": base.area * voxel_um**2,
+        "width_um": 2 * math.sqrt(base.area / math.pi) * voxel_um,
         "neck_um": float(widths[: int(widths.argmax()) + 1].min()) * voxel_um,
-        "base_elongation": _elongation(np.argwhere(base).astype(np.float64)),
+        "base_elongation": _elongation(base),
         "length_um": length * voxel_um,
         "breadth_um": breadth * voxel_um,
         "thickness_um": thickness * voxel_um,
@@ -99,16 +100,47 @@ def _measure(solid: Solid, cortex: Solid, voxel_um: float) -> dict[str, float]:
     }
 
 
-def _base(solid: Solid, cortex: Solid) -> tuple[float, Floats, Solid]:
-    """Area of the base in voxels², sum of its normals (3,), and the solid's voxels on it.
+@dataclass(frozen=True, eq=False)
+class _Base:
+    """The faces between a solid's voxels and the cortex's.
+
+    Attributes
+    ----------
+    voxels : ndarray, (z, y, x) bool
+        The solid's voxels with such a face.
+    centres : ndarray, (n, 3)
+        Of the faces.
+    areas : ndarray, (n,)
+        In voxels².
+    normal : ndarray, (3,)
+        Sum of the faces' normals out of the cortex.
+    """
+
+    voxels: Solid
+    centres: Floats
+    areas: Floats
+    normal: Floats
+
+    @property
+    def area(self) -> float:
+        return float(self.areas.sum())
+
+    @property
+    def middle(self) -> Floats:
+        middle: Floats = self.areas @ self.centres / self.area
+        return middle
+
+
+def _base(solid: Solid, cortex: Solid) -> _Base:
+    """Where a solid stands on the cortex.
 
     Faces between voxels make stairs, whose area is up to √3 times that of the plane they
     follow: every face counts by its projection along the cortex's normal.
     """
-    base = np.zeros_like(solid)
+    voxels = np.zeros_like(solid)
     smooth = ndimage.gaussian_filter(cortex.astype(np.float64), NORMAL_SMOOTHING)
     normals = -np.stack(np.gradient(smooth))
-    area, total = 0.0, np.zeros(3)
+    centres, areas, total = [], [], np.zeros(3)
     for axis in range(3):
         here, there = [slice(None)] * 3, [slice(None)] * 3
         here[axis], there[axis] = slice(1, None), slice(None, -1)
@@ -116,49 +148,51 @@ def _base(solid: Solid, cortex: Solid) -> tuple[float, Floats, Solid]:
             # The solid lies on the side `upper` of the face, the cortex on the other.
             a, b = tuple(upper), tuple(lower)
             faces = solid[a] & cortex[b]
-            base[a] |= faces
+            voxels[a] |= faces
             at = 0.5 * (normals[(slice(None), *a)][:, faces] + normals[(slice(None), *b)][:, faces])
             size = np.linalg.norm(at, axis=0)
             along = np.divide(at[axis], size, out=np.zeros_like(size), where=size > 0)
-            area += float(np.clip(sign * along, 0.0, None).sum())
+            areas.append(np.clip(sign * along, 0.0, None))
+            centres.append(np.argwhere(faces) + 0.5 * np.eye(3)[axis])
             total[axis] += sign * int(faces.sum())
-    return area, total, base
+    return _Base(voxels, np.concatenate(centres), np.concatenate(areas), total)
 
 
-def _sections(solid: Solid, base: Solid, area: float) -> Floats:
+def _sections(solid: Solid, base: _Base) -> Floats:
     """Areas in voxels² of the cross sections from the base outwards."""
-    if not base.any():
-        return np.array([area])
-    shell = np.rint(distance_to(base)[solid]).astype(np.int64)
+    if not base.voxels.any():
+        return np.zeros(1)
+    shell = np.rint(distance_to(base.voxels)[solid]).astype(np.int64)
     # The base's own voxels follow its stairs: its area is known better.
     counts = np.bincount(shell)[1:].astype(np.float64)
     if len(counts) < SECTIONS_AVERAGED:
-        return np.array([area, *counts])
+        return np.array([base.area, *counts])
     mean = np.convolve(counts, np.full(SECTIONS_AVERAGED, 1 / SECTIONS_AVERAGED), mode="valid")
-    return np.array([area, *mean])
+    return np.array([base.area, *mean])
 
 
-def _deviations(points: Floats) -> Floats:
+def _deviations(points: Floats, weights: Floats | None = None) -> Floats:
     """Standard deviations of cubes of edge 1 along their principal axes, largest first."""
-    apart = points - points.mean(axis=0)
-    covariance = apart.T @ apart / len(points) + np.eye(points.shape[1]) / 12.0
+    part = np.full(len(points), 1 / len(points)) if weights is None else weights / weights.sum()
+    apart = points - part @ points
+    covariance = (apart * part[:, None]).T @ apart + np.eye(3) / 12.0
     deviations: Floats = np.sqrt(np.linalg.eigvalsh(covariance)[::-1])
     return deviations
 
 
-def _elongation(points: Floats) -> float:
-    if len(points) == 0:
+def _elongation(base: _Base) -> float:
+    if base.area <= 0:
         return np.nan
-    first, second, _ = _deviations(points)
+    first, second, _ = _deviations(base.centres, base.areas)
     return float(first / second)
 
 
-def _axis(points: Floats, base: Solid, normal: Floats) -> Floats:
+def _axis(points: Floats, base: _Base) -> Floats:
     """Unit vector out of the cortex; NaN for a solid that does not touch it."""
-    outward = normal
-    if base.any():
-        chord = points.mean(axis=0) - np.argwhere(base).mean(axis=0)
-        outward = chord if chord @ chord > 1.0 else normal
+    outward = base.normal
+    if base.area > 0:
+        chord = points.mean(axis=0) - base.middle
+        outward = chord if chord @ chord > 1.0 else outward
     length = float(np.linalg.norm(outward))
     return outward / length if length > 0 else np.full(3, np.nan)
 

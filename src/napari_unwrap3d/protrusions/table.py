@@ -10,7 +10,6 @@ import numpy.typing as npt
 
 from ..charts import MOTIFS, Floats, Ints, Mask, Surface
 from ..geometry.laplacian import vertex_mass
-from ..geometry.mesh import edges_with_faces
 from ..unwrapping.uv import direction_to_uv, uv_to_direction
 from .columns import COLUMNS
 from .segment import Segmentation
@@ -57,8 +56,9 @@ def measure_protrusions(
         labels. Labels without a vertex or a voxel have zeros and NaN where these are needed.
     """
     labels = present(found) if only is None else np.unique(np.asarray(only, np.int64))
-    columns = _of_surface(found, surface, labels)
-    columns |= _in_uv(found.labels, _weights(surface), image, rows, labels)
+    weights = vertex_mass(surface.vertices, surface.faces)
+    columns = _of_surface(found, surface, weights, labels)
+    columns |= _in_uv(found.labels, weights, image, rows, labels)
     solid = measure_solids(found.volume, found.cortex, mask.voxel_size[0], labels)
     columns |= solid
     columns["aspect"] = _ratio(columns["height_max_um"], columns["width_um"])
@@ -114,13 +114,8 @@ def replaced_rows(columns: Mapping[str, npt.NDArray[Any]], fresh: Columns, gone:
 # On the surface ------------------------------------------------------------------------
 
 
-def _weights(surface: Surface) -> Floats:
-    """A third of the area of the faces around each vertex."""
-    return vertex_mass(surface.vertices, surface.faces)
-
-
-def _of_surface(found: Segmentation, surface: Surface, labels: Ints) -> Columns:
-    weights = _weights(surface)
+def _of_surface(found: Segmentation, surface: Surface, weights: Floats, labels: Ints) -> Columns:
+    """Measures of the surface; `weights` is a third of the area of the faces at each vertex."""
     # Sums run in the order of the vertices: the same, whichever labels are chosen.
     inside, row = _rows(found.labels, labels)
     area = np.bincount(row, weights[inside], len(labels))
@@ -165,7 +160,8 @@ def _rows(of_vertex: npt.NDArray[np.int32], labels: Ints) -> tuple[Ints, Ints]:
 
 def _touching(of_vertex: npt.NDArray[np.int32], faces: Ints, labels: Ints) -> Ints:
     """How many other labels each of these has as a neighbour along an edge."""
-    ends = of_vertex[edges_with_faces(faces).vertices].astype(np.int64)
+    corners = of_vertex[faces].astype(np.int64)
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2)
     ends = ends[(ends[:, 0] != ends[:, 1]) & (ends > 0).all(axis=1)]
     pairs = np.unique(np.sort(ends, axis=1), axis=0)
     size = 1 + max(int(labels.max(initial=0)), int(of_vertex.max(initial=0)))

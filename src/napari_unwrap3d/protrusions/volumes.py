@@ -10,50 +10,61 @@ import numpy.typing as npt
 from scipy import ndimage
 
 from ..geometry.interpolate import sample_nearest
+from ..geometry.voxel_graph import spread, voxel_graph
 
 Field = npt.NDArray[np.float32]
 Labels = npt.NDArray[np.int32]
 Solid = npt.NDArray[np.bool_]
 
-BEYOND = (0.0, 0.7, 1.4)  # how far above the threshold a label is looked for
+BEYOND = (0.0, 0.7, 1.4)  # how far above a level a label is looked for
 EVERY_NEIGHBOUR = np.ones((3, 3, 3))
 
 
 def down_to_cortex(
-    mask: Solid, labels: Labels, height: Field, under: Field, threshold: float
+    mask: Solid, labels: Labels, height: Field, threshold: float, reach: float
 ) -> Labels:
-    """Labels of the voxels over the threshold carried down to the cortex under them.
+    """Labels carried to the foot of the protrusions, and down to the cortex under them.
 
     Parameters
     ----------
     mask : ndarray, (z, y, x) bool
     labels : ndarray, (z, y, x) int32
-        Of voxels whose `height` is over `threshold`.
-    height, under : ndarray, (z, y, x) float32
-        Over the cell opened by the ball, and by a larger one that does not rise into wide
-        footprints.
+    height : ndarray, (z, y, x) float32
+        Over the cortex that goes on under the footprints.
     threshold : float
+        Where protrusions begin, of the height at the surface.
+    reach : float
+        How far around what is labelled the foot of a protrusion is looked for.
 
     Returns
     -------
     ndarray, (z, y, x) int32
-        A voxel between both takes the label that is met going outward, if any. Every label is
-        one connected piece.
+        No label is below the cortex, and every one is a single 26-connected piece.
     """
-    below = mask & (labels == 0) & (np.maximum(height, under) > 0) & (height <= threshold)
-    index = np.argwhere(below)
-    outward = _gradient(under, index)
-    rise = (threshold - height[below])[:, None]
-    found = np.zeros(len(index), np.int32)
-    for more in BEYOND:
-        met = sample_nearest(labels, index + outward * (rise + more))
-        found = np.where(found > 0, found, met).astype(np.int32)
-    whole = labels.copy()
-    whole[below] = found
+    # The surface passes half a voxel beyond the centres of the outermost voxels.
+    over = max(threshold - 0.5, 0.0)
+    labels = np.where(height > 0, labels, 0)
+    graph = voxel_graph(mask & ((height > over) | (labels > 0)))
+    whole = graph.on_grid(spread(graph, labels.ravel()[graph.flat], reach))
+    if over > 0:
+        between = mask & (whole == 0) & (height > 0) & (height <= over)
+        whole[between] = _outward(whole, height, between, over)
     return one_piece_each(whole)
 
 
-def _gradient(field: Field, index: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
+def _outward(labels: Labels, height: Field, chosen: Solid, level: float) -> Labels:
+    """The labels met from the chosen voxels (n) going along the slope up to a level."""
+    index = np.argwhere(chosen)
+    outward = _slope(height, index)
+    rise = (level - height[chosen])[:, None]
+    found = np.zeros(len(index), np.int32)
+    for more in BEYOND:
+        met = sample_nearest(labels, np.asarray(index + outward * (rise + more)))
+        found = np.where(found > 0, found, met).astype(np.int32)
+    return found
+
+
+def _slope(field: Field, index: npt.NDArray[np.int64]) -> npt.NDArray[np.float64]:
     """Unit vectors (n, 3) along the slope of a field at voxels (n, 3)."""
     slope = np.empty(index.shape)
     last = np.array(field.shape) - 1
