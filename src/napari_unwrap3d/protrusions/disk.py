@@ -17,7 +17,8 @@ from scipy.sparse import csgraph
 
 from ..charts import Surface
 from ..errors import InputError, TooSmallError
-from ..geometry.disk import equiareal_disk, flipped, harmonic_disk
+from ..geometry.disk import flipped, harmonic_disk
+from ..geometry.disk_areas import equiareal_disk
 from ..geometry.distortion import mean_conformal_error, mean_log_area_distortion
 from ..geometry.laplacian import vertex_mass
 from ..geometry.locate import SurfaceLocator, interpolate
