@@ -16,7 +16,7 @@ from napari_unwrap3d.simulate.solids import build
 
 VOXEL_UM = 0.104
 REACH_UM = 3.0
-TRIES = 400
+TRIES = 1500
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +44,9 @@ class TouchingCell:
         """Labels of blebs with those of a pair made one: p + 1 for pair p, then the others."""
         names = np.arange(2 * self.pairs + self.singles + 1)
         paired = (names + 1) // 2
-        return np.where(names <= 2 * self.pairs, paired, names - self.pairs)[labels].astype(np.int32)
+        return np.where(names <= 2 * self.pairs, paired, names - self.pairs)[labels].astype(
+            np.int32
+        )
 
 
 def touching_cell(seed: int, *, size: int = 200, pairs: int = 8, singles: int = 8) -> TouchingCell:
@@ -98,8 +100,14 @@ def _pair(scene: Scene, rng: np.random.Generator) -> list[Shape] | None:
     directions = (np.cos(0.5 * apart) * middle + s * np.sin(0.5 * apart) * tangent for s in (-1, 1))
     a, b = (_ball(scene, rng, direction) for direction in directions)
     necks = [float(np.sqrt(max(s.radii[0] ** 2 - s.rise[-1] ** 2, 0.0))) for s in (a, b)]
-    feet = [scene.body.surface((s.points[0] - scene.body.centre) / np.linalg.norm(s.points[0] - scene.body.centre)) for s in (a, b)]
+    feet = [_foot(scene, shape) for shape in (a, b)]
     least = 2.0 * scene.voxel_um
     touch = clearance(a, b) < -least
     free = float(np.linalg.norm(feet[0] - feet[1])) - sum(necks) > least
     return [a, b] if touch and free else None
+
+
+def _foot(scene: Scene, shape: Shape) -> npt.NDArray[np.float64]:
+    """The point of the body below a ball, seen from the body's centre."""
+    offset = shape.points[0] - scene.body.centre
+    return scene.body.surface(offset / np.linalg.norm(offset))

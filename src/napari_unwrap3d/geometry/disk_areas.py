@@ -264,7 +264,9 @@ class _Relaxation:
     def _rounded(self, points: Floats) -> Floats:
         """The points of the border back on the circle."""
         length = np.linalg.norm(points, axis=1, keepdims=True)
-        rounded: Floats = np.where(self.on_circle[:, None], points / np.maximum(length, 1e-300), points)
+        rounded: Floats = np.where(
+            self.on_circle[:, None], points / np.maximum(length, 1e-300), points
+        )
         return rounded
 
 

@@ -11,11 +11,13 @@ class RefinementParameters(StepParameters):
     """Refinement: several blebs under one label are told apart by their round caps."""
 
     compute: bool = setting(
-        False, "Split touching blebs", "Take protrusions apart that are several round blebs.",
+        False,
+        "Split touching blebs",
+        "Take protrusions apart that are several round blebs; not for sheets.",
         source=SOURCE,
     )
     depth: float = setting(
-        0.15,
+        0.3,
         "Depth of a waist",
         "Two caps are two where the way between them narrows by more than this part of the "
         "smaller one's radius.",

@@ -9,19 +9,22 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
+from scipy.spatial import cKDTree
 
-from ..charts import Surface
+from ..charts import Mask, Surface
 from ..errors import FlippedFacesError, NotADiskError, TooSmallError
 from ..geometry.laplacian import vertex_mass
 from ..geometry.mesh import edges_with_faces
 from ..parameters import RefinementParameters
 from ..progress import Progress
-from .disk import Disk, unwrap_disk
+from .disk import unwrap_disk
+from .segment import Segmentation
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -33,6 +36,8 @@ CURVATURE = "mean_curvature_per_um"
 CLASSES = 3
 # Beyond these quantiles curvatures are those of single bad triangles.
 QUANTILES = (0.001, 0.999)
+# Of the disk: caps are told apart whether or not areas are kept to a percent.
+TOLERANCE, ITERATIONS = 0.05, 10
 
 
 def refine(
@@ -82,6 +87,31 @@ def refine(
     return refined
 
 
+def refine_segmentation(
+    found: Segmentation,
+    mask: Mask,
+    surface: Surface,
+    parameters: RefinementParameters,
+    progress: Progress,
+) -> Segmentation:
+    """A segmentation with several blebs under one label told apart, on the surface and inside.
+
+    A voxel of a protrusion that was split goes with the nearest vertex of the protrusion.
+    """
+    voxel_um = float(mask.voxel_size[0])
+    labels = refine(surface, found.labels, voxel_um, parameters, progress)
+    volume = found.volume.copy()
+    changed = np.unique(found.labels[labels != found.labels])
+    for name in changed:
+        own = found.labels == name
+        voxels = np.nonzero(found.volume == name)
+        positions = mask.to_world(np.stack(voxels, axis=1).astype(np.float64))
+        _, nearest = cKDTree(surface.vertices[own]).query(positions)
+        volume[voxels] = labels[own][nearest]
+    numbers = {**found.numbers, "protrusions_split": len(changed)}
+    return replace(found, labels=labels, volume=volume, numbers=numbers)
+
+
 def curvature_threshold(curvature: Floats) -> float:
     """The higher threshold of a three-class Otsu segmentation: negative, flat, positive."""
     from skimage.filters import threshold_multiotsu
@@ -105,7 +135,15 @@ def _seeds(
     """A number per vertex (n,) of the surface: 1, 2, … in the caps of a protrusion, else 0."""
     seeds = np.zeros(len(labels), np.int64)
     try:
-        disk = unwrap_disk(surface, labels, name, pixels=parameters.pixels, progress=progress)
+        disk = unwrap_disk(
+            surface,
+            labels,
+            name,
+            pixels=parameters.pixels,
+            tolerance=TOLERANCE,
+            iterations=ITERATIONS,
+            progress=progress,
+        )
     except (NotADiskError, TooSmallError, FlippedFacesError) as error:
         logger.info("Protrusion %d is not refined: %s", name, error)
         return seeds
