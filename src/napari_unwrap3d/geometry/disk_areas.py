@@ -33,6 +33,8 @@ CENTRINGS, SPREADINGS = 20, 20
 # of the mass, and of how many vertices at least.
 CENTRED = 0.05
 SMALLEST_CORE, FEWEST = 0.02, 8
+# Radii that differ by less than this part are one.
+TIE = 1e-6
 # Damping per squared error: far from the goal the map must not be crumpled.
 DAMPING = 10.0
 # The steps end when so many of them gained less than this part.
@@ -139,8 +141,11 @@ class _Relaxation:
             middle, part = complex(self.mass @ z), 1.0
             chosen = np.arange(len(z))
             while part > least and len(chosen) > FEWEST:
-                nearest = np.argsort(np.abs(z[chosen] - middle), kind="stable")
-                chosen = chosen[nearest[: len(chosen) // 2]]
+                away = np.abs(z[chosen] - middle)
+                near = away <= (1.0 + TIE) * np.median(away)
+                if near.all():
+                    break
+                chosen = chosen[near]
                 part = float(self.mass[chosen].sum())
                 middle = complex(self.mass[chosen] @ z[chosen]) / part
             if abs(middle) < max(CENTRED * float(np.abs(z[chosen] - middle).max()), 1e-15):
@@ -159,13 +164,7 @@ class _Relaxation:
     def _spread_radii(self) -> None:
         before = self._error_of(self.points)
         for _ in range(SPREADINGS):
-            radius = np.linalg.norm(self.points, axis=1)
-            order = np.argsort(radius, kind="stable")
-            inside = np.empty(len(order))
-            inside[order] = np.cumsum(self.mass[order]) - 0.5 * self.mass[order]
-            inner = ~self.on_circle & (radius > 0)
-            growth = np.zeros(len(radius))
-            growth[inner] = 0.5 * np.log(inside[inner]) - np.log(radius[inner])
+            growth = self._growth()
 
             def displaced(step: Floats, growth: Floats = growth) -> Floats:
                 return self.points * np.exp(step * growth[:, None])
@@ -176,6 +175,25 @@ class _Relaxation:
             if error > (1.0 - SMALLEST_GAIN) * before:
                 return
             before = error
+
+    def _growth(self) -> Floats:
+        """By how much the logarithm of each radius (n,) grows: smooth, 0 on the circle.
+
+        Interpolated between some radii, so that vertices of one radius keep one.
+        """
+        radius = np.linalg.norm(self.points, axis=1)
+        order = np.argsort(radius, kind="stable")
+        inside = np.cumsum(self.mass[order])
+        count = max(int(np.sqrt(len(order))), FEWEST)
+        knots = np.unique(np.linspace(0, len(order) - 1, count).astype(np.int64)[1:])
+        knots = knots[radius[order[knots]] > 0]
+        at = np.log(radius[order[knots]])
+        last = np.concatenate([np.diff(at) > TIE, [True]])
+        growth = 0.5 * np.log(inside[knots]) - at
+        inner = ~self.on_circle & (radius > 0)
+        found = np.zeros(len(radius))
+        found[inner] = np.interp(np.log(radius[inner]), at[last], growth[last])
+        return found
 
     # The areas -----------------------------------------------------------------
 
