@@ -2,8 +2,8 @@
 
 What shrinks most is undone by Tutte embeddings with weights that yield there
 (:func:`.disk.spread_disk`) and by spreading the radii; the rest by Gauss–Newton steps on the
-logarithms of all areas at once, damped by how much they deform, and on single vertices where
-a step of all was held up (:mod:`.disk_polish`).
+logarithms of all areas at once, damped by how much they deform, each followed by one on every
+single vertex, which frees the faces that hold up a step of all (:mod:`.disk_polish`).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TIE = 1e-6
 # Damping per squared error: far from the goal the map must not be crumpled.
 DAMPING = 10.0
 # The steps end when so many of them gained less than this part.
-PATIENCE, SMALLEST_GAIN = 8, 0.05
+PATIENCE, SMALLEST_GAIN = 20, 0.05
 
 
 def equiareal_disk(
@@ -99,6 +99,8 @@ class _Relaxation:
         self.on_circle[border(faces)] = True
         self.stars = VertexStars(faces, len(vertices))
         self.points = self.best = points
+        # By their place, so that it does not matter how they are numbered.
+        self.order = np.lexsort(vertices.T[::-1])
         self.history = [self._error_of(points)]
 
     @property
@@ -207,7 +209,7 @@ class _Relaxation:
         if not self._move(displaced):
             return False
         self.points = polish_disk(
-            self.points, self.faces, self.stars, self.target, self.on_circle, 1
+            self.points, self.faces, self.stars, self.target, self.on_circle, self.order
         )
         error = self._error_of(self.points)
         if error < self.least:
