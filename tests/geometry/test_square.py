@@ -21,7 +21,9 @@ def disk_points():
 
 
 def test_there_and_back_again(disk_points):
-    np.testing.assert_allclose(disk_from_square(square_from_disk(disk_points)), disk_points, atol=1e-9)
+    np.testing.assert_allclose(
+        disk_from_square(square_from_disk(disk_points)), disk_points, atol=1e-9
+    )
     square = np.random.default_rng(1).uniform(-1, 1, (500, 2))
     np.testing.assert_allclose(square_from_disk(disk_from_square(square)), square, atol=1e-9)
 
@@ -42,4 +44,6 @@ def test_a_quarter_turn_and_a_mirror_commute_with_the_mapping(disk_points):
 
 def test_pixel_centres_are_whole_numbers_row_by_row():
     rows, columns = np.divmod(np.arange(25), 5)
-    np.testing.assert_allclose(pixels_of(pixel_centres(5), 5), np.stack([rows, columns], axis=1), atol=1e-12)
+    np.testing.assert_allclose(
+        pixels_of(pixel_centres(5), 5), np.stack([rows, columns], axis=1), atol=1e-12
+    )

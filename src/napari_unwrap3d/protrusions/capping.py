@@ -15,7 +15,6 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Surface
-from ..errors import TooSmallError
 from ..geometry.holes import boundary_loops
 from ..geometry.mesh import corner_fans, signed_volume
 from ..geometry.patch import fan_patch, least_bending
@@ -83,10 +82,11 @@ def decompose(
     for name in names:
         chosen = labels == name
         filled = fill_labels(surface.vertices, surface.faces, chosen) & (chosen | (labels == 0))
-        try:
-            owner[largest_piece(surface.vertices, surface.faces, filled).faces_of_surface] = name
-        except TooSmallError:
-            continue
+        # Faces with two corners in it: the border runs where it should, on average.
+        own = (filled[surface.faces].sum(axis=1) >= 2) & (owner == 0)
+        if own.any():
+            piece = largest_piece(surface.vertices, surface.faces, own, across_border=True)
+            owner[piece.faces_of_surface] = name
     meshes, volumes = {}, {}
     points, rest = [surface.vertices], [surface.faces[owner == 0]]
     size = len(surface.vertices)

@@ -184,7 +184,8 @@ def unwrap_disk(
             vertices=len(surface.vertices),
         )
     filled = fill_labels(surface.vertices, surface.faces, chosen)
-    part = largest_piece(surface.vertices, surface.faces, filled)
+    between = filled[surface.faces].all(axis=1)
+    part = largest_piece(surface.vertices, surface.faces, between)
     vertices, faces = surface.vertices[part.vertices], part.faces
     report(0.05, "harmonic disk")
     points = report.run(harmonic_disk, vertices, faces)
@@ -230,26 +231,33 @@ def _flat(points: Floats) -> Floats:
 # The part of the mesh ------------------------------------------------------------
 
 
-def largest_piece(vertices: Floats, faces: Ints, chosen: Bools) -> Submesh:
-    """The faces between chosen vertices (n,) that a disk can be made of.
+def largest_piece(
+    vertices: Floats, faces: Ints, chosen: Bools, *, across_border: bool = False
+) -> Submesh:
+    """The largest connected piece of chosen faces (m,).
 
-    No edge inside joins two vertices of the border, and of several pieces the largest is taken.
+    Parameters
+    ----------
+    across_border : bool
+        Whether faces are connected across an edge that joins two vertices of the border. Not
+        for a disk: beyond such an edge lie faces with next to no area on it, and no way to get
+        any.
 
     Raises
     ------
     TooSmallError
-        No face lies between the chosen vertices.
+        No face is chosen.
     """
-    kept = np.flatnonzero(chosen[faces].all(axis=1))
+    kept = np.flatnonzero(chosen)
     while True:
         if len(kept) == 0:
             raise TooSmallError(
                 "The protrusion has no face of its own, so it cannot be unwrapped.",
-                vertices=int(chosen.sum()),
+                faces=0,
                 hint="Delete it, or grow its label by a few vertices.",
             )
         size, fans = corner_fans(faces[kept])
-        pieces = _pieces(fans)
+        pieces = _pieces(fans, across_border)
         areas = np.bincount(pieces, face_areas(vertices, faces[kept]))
         largest = pieces == areas.argmax()
         if largest.all():
@@ -280,15 +288,14 @@ def fill_labels(vertices: Floats, faces: Ints, chosen: Bools) -> Bools:
     return filled
 
 
-def _pieces(faces: Ints) -> Ints:
-    """Piece (m,) of each face, connected across edges that do not join two border vertices.
-
-    Beyond such an edge lie faces with next to no area on the disk, and no way to get any.
-    """
+def _pieces(faces: Ints, across_border: bool) -> Ints:
+    """Piece (m,) of each face, connected across edges; see :func:`largest_piece`."""
     edges = edges_with_faces(faces)
     on_border = np.zeros(int(faces.max()) + 1, bool)
     on_border[edges.vertices[edges.valence == 1]] = True
-    inner = (edges.valence == 2) & ~on_border[edges.vertices].all(axis=1)
+    inner = edges.valence == 2
+    if not across_border:
+        inner &= ~on_border[edges.vertices].all(axis=1)
     first = edges.first[inner]
     here, there = edges.slots[first] // 3, edges.slots[first + 1] // 3
     links = sparse.coo_array((np.ones(len(here), np.int8), (here, there)), (len(faces),) * 2)
