@@ -54,7 +54,7 @@ def test_names_do_not_matter(parts, united):
 
 
 def test_parts_below_the_smallest_area_are_none(united):
-    vast = RefinementParameters(minimum_area_voxels=1e6)
+    vast = RefinementParameters(minimum_area=1e6)
     found = refine(blebbed_surface(), united, VOXEL_UM, vast, silent())
     np.testing.assert_array_equal(found, united)
 

@@ -33,7 +33,7 @@ class RefinementParameters(StepParameters):
         ge=16,
         le=1024,
     )
-    minimum_area_voxels: float = setting(
+    minimum_area: float = setting(
         10.0,
         "Smallest part",
         "Parts with less area of the surface are given to their neighbours.",

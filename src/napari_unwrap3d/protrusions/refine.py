@@ -72,7 +72,7 @@ def refine(
         return refined
     curvature = np.asarray(surface.fields[CURVATURE], np.float64)
     threshold = curvature_threshold(curvature)
-    least_um2 = parameters.minimum_area_voxels * voxel_um**2
+    least_um2 = parameters.minimum_area * voxel_um**2
     mass = vertex_mass(surface.vertices, surface.faces)
     lengths = _edge_graph(surface)
     following = int(names[-1])
