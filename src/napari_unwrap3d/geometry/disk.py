@@ -6,7 +6,6 @@ positive determinant there and an image of the disk is seen from outside, not mi
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,17 +13,11 @@ import numpy.typing as npt
 import scipy.sparse as sparse
 
 from ..errors import FlippedFacesError, NotADiskError
-from ..progress import Progress
-from .area_flow import area_error, area_velocity, has_stalled, move_unflipped, share_of
-from .area_polish import VertexStars
-from .disk_polish import polish_disk
 from .holes import boundary_loops
 from .laplacian import (
     Factor,
-    ReusedFactor,
     cotangent_laplacian,
     cotangents_from_lengths,
-    faces_to_vertices,
     laplacian_from_weights,
 )
 from .mesh import connected_components, euler_characteristic, face_areas
@@ -32,16 +25,16 @@ from .mesh import connected_components, euler_characteristic, face_areas
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
-CYCLES = 6
-POLISH_ROUNDS, POLISH_SWEEPS = 4, 5
-CENTRINGS, SPREADINGS = 20, 6
-# Weights of a fallback are taken down where the map shrinks, this many times at the most.
+# Positive weights are a cotangent within these limits, halved.
+LEAST_WEIGHT = 0.05
+# Weights are taken down where a map shrinks, this many times at the most; a face counts at
+# least this part of the disk.
 REWEIGHTINGS = 40
 SMALLEST_SHARE = 1e-24
-LEAST_WEIGHT = 0.05
+# No more when one of them gains less than this part.
+SMALLEST_GAIN = 0.005
 # Edges of the border count at least this part of their mean.
 SHORTEST = 1e-3
-CENTRED = 1e-3
 
 
 @dataclass(frozen=True)
@@ -115,8 +108,8 @@ def harmonic_disk(vertices: Floats, faces: Ints) -> Floats:
     With cotangent weights; where those flip a face, with positive ones, which never do
     (Tutte 1963, doi:10.1112/plms/s3-13.1.743; Floater 2003,
     doi:10.1016/S0167-8396(03)00002-5). Where a long protrusion shrinks to less than numbers
-    resolve, the weights of edges that shrink are taken down until it does not (Yoshizawa,
-    Belyaev and Seidel 2004, doi:10.1109/SMI.2004.1314516). Paper, "Direct 2D unwrapping of
+    resolve, the weights of edges that shrink are taken down until it does not, as by
+    :func:`spread_disk`. Paper, "Direct 2D unwrapping of
     protrusion submeshes".
 
     Parameters
@@ -139,21 +132,58 @@ def harmonic_disk(vertices: Floats, faces: Ints) -> Floats:
     """
     loop = border(faces)
     circle = _on_circle(vertices, loop)
-    best = _tutte(cotangent_laplacian(vertices, faces), loop, circle)
-    if flipped(best, faces) == 0:
-        return best
+    points = _tutte(cotangent_laplacian(vertices, faces), loop, circle)
+    if flipped(points, faces) == 0:
+        return points
     weights = _positive_weights(vertices, faces)
     for _ in range(REWEIGHTINGS):
-        best = _tutte(laplacian_from_weights(weights, faces, len(vertices)), loop, circle)
-        left = flipped(best, faces)
+        points = _tutte(laplacian_from_weights(weights, faces, len(vertices)), loop, circle)
+        left = flipped(points, faces)
         if left == 0:
-            return best
-        weights /= _shrinking(vertices, best, faces)[:, None]
+            return points
+        weights /= shrinking(vertices, points, faces)[:, None]
     raise FlippedFacesError(
-        "The protrusion is too long to be laid on a disk.",
+        "The surface is too long to be laid on a disk.",
         flipped=left,
         hint="Remesh it with triangles of equal size, or cut it in two.",
     )
+
+
+def spread_disk(vertices: Floats, faces: Ints, points: Floats) -> Floats:
+    """A map to the disk that shrinks far less where `points` shrinks, and never flips.
+
+    The weights of a Tutte embedding are divided by what it shrinks, again and again
+    (Yoshizawa, Belyaev and Seidel 2004, doi:10.1109/SMI.2004.1314516): a tube that a harmonic
+    map shrinks e-fold with every radius of its length needs no more than some tens of times.
+
+    Parameters
+    ----------
+    vertices : ndarray, (n, 3)
+    faces : ndarray, (m, 3)
+    points : ndarray, (n, 2)
+        A map to the disk without flips, whose border is kept.
+
+    Returns
+    -------
+    ndarray, (n, 2)
+        The best of those tried, by the mean |log λ| of the areas; `points` if it is the best.
+    """
+    loop = border(faces)
+    weights = _positive_weights(vertices, faces)
+    best, least = points, log_shrinking(vertices, points, faces)
+    current, before = points, np.inf
+    for _ in range(REWEIGHTINGS):
+        weights /= shrinking(vertices, current, faces)[:, None]
+        weights /= weights.mean()
+        laplacian = laplacian_from_weights(weights, faces, len(vertices))
+        current = _tutte(laplacian, loop, points[loop])
+        error = log_shrinking(vertices, current, faces)
+        if error < least and flipped(current, faces) == 0:
+            best, least = current, error
+        if error > (1.0 - SMALLEST_GAIN) * before:
+            break
+        before = error
+    return best
 
 
 def _on_circle(vertices: Floats, loop: Ints) -> Floats:
@@ -187,172 +217,17 @@ def _positive_weights(vertices: Floats, faces: Ints) -> Floats:
     return weights
 
 
-def _shrinking(vertices: Floats, points: Floats, faces: Ints) -> Floats:
-    """How many times smaller a map makes each face, as a length (m,)."""
-    before = share_of(face_areas(vertices, faces))
-    after = np.maximum(share_of(np.abs(disk_determinants(points, faces))), SMALLEST_SHARE)
-    shrinking: Floats = np.sqrt(before / after)
-    return shrinking
+def shrinking(vertices: Floats, points: Floats, faces: Ints) -> Floats:
+    """How many times smaller a map to the plane makes each face (m,), as a length.
 
-
-# Equiareal ---------------------------------------------------------------------
-
-
-def equiareal_disk(
-    vertices: Floats,
-    faces: Ints,
-    harmonic: Floats,
-    progress: Progress,
-    *,
-    iterations: int = 60,
-    tolerance: float = 0.005,
-) -> tuple[Floats, Floats]:
-    """Relax the areas of a map to the disk: every face gets its share of the surface.
-
-    The disk is centred by a Möbius transformation and its radii are spread until every
-    circle around the centre holds its share, which undoes most of what a harmonic map
-    shrinks; the area-preserving flow (Zou et al. 2011, doi:10.1109/TVCG.2011.264) does the
-    rest of what is smooth, and Gauss–Newton steps on single vertices what is not. The border
-    slides along the circle. No step flips a face. Paper, "Direct 2D unwrapping of protrusion
-    submeshes".
-
-    Parameters
-    ----------
-    vertices : ndarray, (n, 3)
-    faces : ndarray, (m, 3)
-    harmonic : ndarray, (n, 2)
-        Points of the disk without flips, the border on the circle.
-    progress : Progress
-    iterations, tolerance
-        Of the flow: stop after so many in a row, or when mean |log(area / target)| is below
-        the tolerance.
-
-    Returns
-    -------
-    points : ndarray, (n, 2)
-        Never flipped; turned about the centre so that it agrees best with `harmonic`.
-    history : ndarray
-        Mean |log(area / target)| of `harmonic`, after every step, and of `points`, the least.
+    Against the mean: the shares of the areas are compared.
     """
-    relaxation = _Relaxation(vertices, faces, harmonic)
-    relaxation.centre()
-    relaxation.spread()
-    for cycle in range(CYCLES):
-        part = progress.part(cycle / CYCLES, (cycle + 1) / CYCLES)
-        relaxation.flow(iterations, tolerance, part)
-        before = relaxation.error
-        for _ in range(POLISH_ROUNDS):
-            part.check()
-            if relaxation.error > tolerance:
-                relaxation.polish()
-        if relaxation.error <= tolerance or relaxation.error > 0.98 * before:
-            break
-    return _turned_towards(relaxation.best, harmonic), np.array(relaxation.history)
+    before, after = face_areas(vertices, faces), np.abs(disk_determinants(points, faces))
+    after = np.maximum(after / after.sum(), SMALLEST_SHARE)
+    ratio: Floats = np.sqrt(before / before.sum() / after)
+    return ratio
 
 
-class _Relaxation:
-    """A map to the disk on its way to equal areas."""
-
-    def __init__(self, vertices: Floats, faces: Ints, points: Floats) -> None:
-        self.faces = faces
-        self.points = points
-        self.target = share_of(face_areas(vertices, faces))
-        self.mass = faces_to_vertices(self.target / 3.0, faces, len(vertices))
-        self.on_circle = np.zeros(len(vertices), bool)
-        self.on_circle[border(faces)] = True
-        self.stars = VertexStars(faces, len(vertices))
-        self.solver = ReusedFactor()
-        self.history = [self._error_of(points)]
-        self.best = points
-
-    @property
-    def error(self) -> float:
-        return self.history[-1]
-
-    def centre(self) -> None:
-        """Bring the centre of mass to the middle by Möbius transformations of the disk."""
-        for _ in range(CENTRINGS):
-            z = self.points[:, 0] + 1j * self.points[:, 1]
-            middle = complex(self.mass @ z)
-            if abs(middle) < CENTRED:
-                return
-
-            def displaced(step: Floats, z: npt.NDArray[np.complex128] = z) -> Floats:
-                a = step.min() * middle  # noqa: B023 (used within the turn of the loop)
-                moved = (z - a) / (1.0 - np.conj(a) * z)
-                return self._rounded(np.stack([moved.real, moved.imag], axis=1))
-
-            if not self._move(displaced):
-                return
-
-    def spread(self) -> None:
-        """Give every circle around the middle the area that is inside of it."""
-        for _ in range(SPREADINGS):
-            radius = np.linalg.norm(self.points, axis=1)
-            order = np.argsort(radius, kind="stable")
-            inside = np.empty(len(order))
-            inside[order] = np.cumsum(self.mass[order]) - 0.5 * self.mass[order]
-            inner = ~self.on_circle & (radius > 0)
-            growth = np.zeros(len(radius))
-            growth[inner] = 0.5 * np.log(inside[inner]) - np.log(radius[inner])
-
-            def displaced(step: Floats, growth: Floats = growth) -> Floats:
-                return self.points * np.exp(step * growth[:, None])
-
-            if not self._move(displaced) or self.error > 0.98 * self.history[-2]:
-                return
-
-    def flow(self, iterations: int, tolerance: float, progress: Progress) -> None:
-        """Poisson flow until it is good enough or stalls."""
-        start = len(self.history)
-        for iteration in range(iterations):
-            if self.error <= tolerance or has_stalled(self.history[start - 1 :]):
-                return
-            progress(iteration / iterations, f"equalising areas: |log λ| {self.error:.4f}")
-            flat = np.pad(self.points, ((0, 0), (1, 0)))
-            velocity = area_velocity(flat, self.faces, self.target, self.solver)[:, 1:]
-
-            def displaced(step: Floats, velocity: Floats = velocity) -> Floats:
-                return self._rounded(self.points + step * velocity)
-
-            if not self._move(displaced):
-                return
-
-    def polish(self) -> None:
-        """What the flow cannot see: the differences between neighbouring faces."""
-        polished = polish_disk(
-            self.points, self.faces, self.stars, self.target, self.on_circle, POLISH_SWEEPS
-        )
-        self._take(polished)
-
-    def _move(self, displaced: Callable[[Floats], Floats]) -> bool:
-        """Move as far as no face flips; False if that is nowhere."""
-        moved = move_unflipped(
-            self.points, displaced, lambda x: disk_determinants(x, self.faces), self.faces
-        )
-        if moved is not None:
-            self._take(moved)
-        return moved is not None
-
-    def _take(self, points: Floats) -> None:
-        self.points = points
-        self.history.append(self._error_of(points))
-        if self.history[-1] <= min(self.history):
-            self.best = points
-
-    def _error_of(self, points: Floats) -> float:
-        return area_error(np.pad(points, ((0, 0), (1, 0))), self.faces, self.target)
-
-    def _rounded(self, points: Floats) -> Floats:
-        """The points of the border back on the circle."""
-        length = np.linalg.norm(points, axis=1, keepdims=True)
-        rounded: Floats = np.where(self.on_circle[:, None], points / length, points)
-        return rounded
-
-
-def _turned_towards(points: Floats, other: Floats) -> Floats:
-    """A disk turned about its centre to where it agrees best with another."""
-    p, q = (x[:, 0] + 1j * x[:, 1] for x in (points, other))
-    turn = np.vdot(p, q)
-    turned = p * (turn / abs(turn) if abs(turn) > 0 else 1.0)
-    return np.stack([turned.real, turned.imag], axis=1)
+def log_shrinking(vertices: Floats, points: Floats, faces: Ints) -> float:
+    """Mean |log λ| over the faces of a map to the plane, λ the ratio of shares of the area."""
+    return float(2.0 * np.abs(np.log(shrinking(vertices, points, faces))).mean())

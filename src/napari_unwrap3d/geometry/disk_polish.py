@@ -21,7 +21,7 @@ def polish_disk(
     stars: VertexStars,
     target: Floats,
     on_circle: npt.NDArray[np.bool_],
-    sweeps: int,
+    chosen: Ints,
 ) -> Floats:
     """Gauss–Newton steps on each vertex for the sum of squared log(area / target) around it.
 
@@ -45,7 +45,7 @@ def polish_disk(
     a, b, c = (result[faces[:, k]] for k in range(3))
     p, q = b - a, c - a
     total = float((p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]).sum())
-    _sweep(result, faces, stars.start, stars.faces, np.log(target * total), on_circle, sweeps)
+    _sweep(result, faces, stars.start, stars.faces, np.log(target * total), on_circle, chosen)
     return result
 
 
@@ -106,33 +106,32 @@ def _step(m, p, slides):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def _sweep(x, faces, start, around, log_target, on_circle, sweeps):  # type: ignore[no-untyped-def]
+def _sweep(x, faces, start, around, log_target, on_circle, chosen):  # type: ignore[no-untyped-def]
     m = np.empty(5)
     p = np.empty(2)
     least = np.empty(MOST_FACES)
-    for _ in range(sweeps):
-        for i in range(x.shape[0]):
-            star = around[start[i] : start[i + 1]]
-            if len(star) > MOST_FACES:
-                continue
-            p[:] = x[i]
-            for q in range(len(star)):
-                least[q] = KEPT_DETERMINANT * _double_area(x, faces, star[q], i, p)[0]
-            energy = _around(x, faces, star, log_target, i, p, least, m)
-            if energy < 0.0:
-                continue
-            d0, d1 = _step(m, p, on_circle[i])
-            if d0 == 0.0 and d1 == 0.0:
-                continue
-            for _ in range(6):
-                p[0], p[1] = x[i, 0] + d0, x[i, 1] + d1
-                if on_circle[i]:
-                    norm = np.sqrt(p[0] * p[0] + p[1] * p[1])
-                    p[0] /= norm
-                    p[1] /= norm
-                after = _around(x, faces, star, log_target, i, p, least, m)
-                if 0.0 <= after < energy:
-                    x[i] = p
-                    break
-                d0 *= 0.4
-                d1 *= 0.4
+    for i in chosen:
+        star = around[start[i] : start[i + 1]]
+        if len(star) > MOST_FACES:
+            continue
+        p[:] = x[i]
+        for q in range(len(star)):
+            least[q] = KEPT_DETERMINANT * _double_area(x, faces, star[q], i, p)[0]
+        energy = _around(x, faces, star, log_target, i, p, least, m)
+        if energy < 0.0:
+            continue
+        d0, d1 = _step(m, p, on_circle[i])
+        if d0 == 0.0 and d1 == 0.0:
+            continue
+        for _ in range(6):
+            p[0], p[1] = x[i, 0] + d0, x[i, 1] + d1
+            if on_circle[i]:
+                norm = np.sqrt(p[0] * p[0] + p[1] * p[1])
+                p[0] /= norm
+                p[1] /= norm
+            after = _around(x, faces, star, log_target, i, p, least, m)
+            if 0.0 <= after < energy:
+                x[i] = p
+                break
+            d0 *= 0.4
+            d1 *= 0.4

@@ -17,7 +17,8 @@ from scipy.sparse import csgraph
 
 from ..charts import Surface
 from ..errors import InputError, TooSmallError
-from ..geometry.disk import equiareal_disk, flipped, harmonic_disk
+from ..geometry.disk import flipped, harmonic_disk
+from ..geometry.disk_areas import equiareal_disk
 from ..geometry.distortion import mean_conformal_error, mean_log_area_distortion
 from ..geometry.laplacian import vertex_mass
 from ..geometry.locate import SurfaceLocator, interpolate
@@ -43,10 +44,13 @@ class Submesh(NamedTuple):
         Numbers in the surface; one that the border meets twice is listed twice.
     faces : ndarray, (m, 3) int64
         Indices into `vertices`.
+    faces_of_surface : ndarray, (m,) int64
+        Numbers of the faces in the surface.
     """
 
     vertices: Ints
     faces: Ints
+    faces_of_surface: Ints
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +108,8 @@ class Disk:
 
     def labels_to_square(self, labels: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Labels at the vertices of the surface as an image (N, N)."""
-        return labels[self.owner]
+        image: npt.NDArray[Any] = labels[self.owner]
+        return image
 
     def scalars_to_vertices(self, image: npt.NDArray[Any]) -> Floats:
         """Values (n,) at `vertices` of an image (N, N), linear between the pixels."""
@@ -118,7 +123,8 @@ class Disk:
     def labels_to_vertices(self, image: npt.NDArray[Any]) -> npt.NDArray[Any]:
         """Labels (n,) at `vertices` of an image (N, N): those of the pixels that they lie in."""
         row, column = np.clip(np.rint(self.square).astype(np.int64), 0, self.pixels - 1).T
-        return image[row, column]
+        found: npt.NDArray[Any] = image[row, column]
+        return found
 
 
 def unwrap_disk(
@@ -128,6 +134,8 @@ def unwrap_disk(
     *,
     pixels: int = PIXELS,
     equiareal: bool = True,
+    tolerance: float = 0.01,
+    iterations: int = 100,
     progress: Progress | None = None,
 ) -> Disk:
     """Lay one protrusion on the unit disk and on a square image.
@@ -147,6 +155,8 @@ def unwrap_disk(
         N, along an edge of the image.
     equiareal : bool
         Whether areas are relaxed; else the map stays harmonic.
+    tolerance, iterations
+        Areas are relaxed until mean |log λ| is below the tolerance, or for so many steps.
     progress : Progress, optional
 
     Returns
@@ -173,13 +183,22 @@ def unwrap_disk(
             labels=np.asarray(labels).shape,
             vertices=len(surface.vertices),
         )
-    part = submesh(surface.vertices, surface.faces, chosen)
+    filled = fill_labels(surface.vertices, surface.faces, chosen)
+    between = filled[surface.faces].all(axis=1)
+    part = largest_piece(surface.vertices, surface.faces, between)
     vertices, faces = surface.vertices[part.vertices], part.faces
     report(0.05, "harmonic disk")
     points = report.run(harmonic_disk, vertices, faces)
     history = np.zeros(0)
     if equiareal:
-        points, history = equiareal_disk(vertices, faces, points, report.part(0.1, 0.9))
+        points, history = equiareal_disk(
+            vertices,
+            faces,
+            points,
+            report.part(0.1, 0.9),
+            iterations=iterations,
+            tolerance=tolerance,
+        )
     report(0.9, "square image")
     flat = _flat(points)
     centres = disk_from_square(pixel_centres(pixels))
@@ -191,7 +210,7 @@ def unwrap_disk(
         "mean_abs_log_area": mean_log_area_distortion(vertices, flat, faces),
         "mean_q": mean_conformal_error(vertices, flat, faces),
         "iterations": len(history),
-        "vertices_left_out": int(chosen.sum() - np.isin(np.flatnonzero(chosen), part.vertices).sum()),
+        "vertices_left_out": int((~np.isin(np.flatnonzero(chosen), part.vertices)).sum()),
     }
     return Disk(
         label=int(label),
@@ -212,45 +231,52 @@ def _flat(points: Floats) -> Floats:
 # The part of the mesh ------------------------------------------------------------
 
 
-def submesh(vertices: Floats, faces: Ints, chosen: Bools) -> Submesh:
-    """The faces between chosen vertices (n,) that a disk can be made of.
+def largest_piece(
+    vertices: Floats, faces: Ints, chosen: Bools, *, across_border: bool = False
+) -> Submesh:
+    """The largest connected piece of chosen faces (m,).
 
-    Holes are filled, no vertex of the border is met by it twice in the plane of the disk, no
-    edge inside joins two vertices of the border, and of several pieces the largest is taken.
+    Parameters
+    ----------
+    across_border : bool
+        Whether faces are connected across an edge that joins two vertices of the border. Not
+        for a disk: beyond such an edge lie faces with next to no area on it, and no way to get
+        any.
 
     Raises
     ------
     TooSmallError
-        No face lies between the chosen vertices.
+        No face is chosen.
     """
-    filled = fill_labels(vertices, faces, chosen)
-    kept = faces[filled[faces].all(axis=1)]
+    kept = np.flatnonzero(chosen)
     while True:
         if len(kept) == 0:
             raise TooSmallError(
                 "The protrusion has no face of its own, so it cannot be unwrapped.",
-                vertices=int(chosen.sum()),
+                faces=0,
                 hint="Delete it, or grow its label by a few vertices.",
             )
-        size, fans = corner_fans(kept)
-        pieces = _pieces(fans)
-        areas = np.bincount(pieces, face_areas(vertices, kept))
+        size, fans = corner_fans(faces[kept])
+        pieces = _pieces(fans, across_border)
+        areas = np.bincount(pieces, face_areas(vertices, faces[kept]))
         largest = pieces == areas.argmax()
         if largest.all():
             break
         kept = kept[largest]
     numbers = np.zeros(size, np.int64)
-    numbers[fans.ravel()] = kept.ravel()
+    numbers[fans.ravel()] = faces[kept].ravel()
     # In the order of the surface's vertices, whatever the order of its faces.
     order = np.argsort(numbers, kind="stable")
     rank = np.empty(size, np.int64)
     rank[order] = np.arange(size)
-    return Submesh(numbers[order], rank[fans])
+    return Submesh(numbers[order], rank[fans], kept)
 
 
 def fill_labels(vertices: Floats, faces: Ints, chosen: Bools) -> Bools:
-    """Chosen vertices (n,) with the holes among them: what is left of the surface in pieces
-    of less than a tenth of its area."""
+    """Chosen vertices (n,) with the holes among them.
+
+    A hole is a piece of what is left of the surface, of less than a tenth of its area.
+    """
     outside = ~chosen
     edges = edges_with_faces(faces).vertices
     edges = edges[outside[edges].all(axis=1)]
@@ -262,15 +288,14 @@ def fill_labels(vertices: Floats, faces: Ints, chosen: Bools) -> Bools:
     return filled
 
 
-def _pieces(faces: Ints) -> Ints:
-    """Piece (m,) of each face, connected across edges that do not join two border vertices.
-
-    Beyond such an edge lie faces with next to no area on the disk, and no way to get any.
-    """
+def _pieces(faces: Ints, across_border: bool) -> Ints:
+    """Piece (m,) of each face, connected across edges; see :func:`largest_piece`."""
     edges = edges_with_faces(faces)
     on_border = np.zeros(int(faces.max()) + 1, bool)
     on_border[edges.vertices[edges.valence == 1]] = True
-    inner = (edges.valence == 2) & ~on_border[edges.vertices].all(axis=1)
+    inner = edges.valence == 2
+    if not across_border:
+        inner &= ~on_border[edges.vertices].all(axis=1)
     first = edges.first[inner]
     here, there = edges.slots[first] // 3, edges.slots[first + 1] // 3
     links = sparse.coo_array((np.ones(len(here), np.int8), (here, there)), (len(faces),) * 2)

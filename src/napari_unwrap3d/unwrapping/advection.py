@@ -38,7 +38,7 @@ from ..geometry.laplacian import (
 from ..geometry.mesh import face_areas, vertex_normals
 from ..progress import Progress
 from .criteria import Criterion
-from ..geometry.area_flow import area_error, face_gradient, share_of
+from .equiareal import area_error, face_gradient, share_of
 
 # The best map is taken when so many iterations after it have not been better.
 PATIENCE = 20

@@ -27,7 +27,7 @@ from ..charts import Floats, Ints
 from ..geometry.distortion import conformal_error
 from ..geometry.mesh import face_areas
 from ..progress import Progress
-from ..geometry.area_flow import area_error, share_of
+from .equiareal import area_error, share_of
 
 CriterionName = Literal["equiareal", "mips", "q_log_lambda", "area_mips"]
 TargetName = Literal["reference", "uniform"]

@@ -13,21 +13,31 @@ turns. The target area of a face, ``A_ref^t · A_sphere^(1 − t)``, blends from
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
 from ..charts import Floats, Ints
-from ..geometry.area_flow import (
-    area_error,
-    area_velocity,
-    has_stalled,
-    move_unflipped,
-    share_of,
-)
 from ..geometry.area_polish import VertexStars, polish_areas
 from ..geometry.distortion import spherical_determinants
-from ..geometry.laplacian import Factor, ReusedFactor
+from ..geometry.laplacian import (
+    Factor,
+    ReusedFactor,
+    cotangent_laplacian,
+    faces_to_vertices,
+    pinned,
+)
 from ..geometry.mesh import face_areas
 from ..progress import Progress
 
+# A step may shrink a face's determinant to this fraction at the most.
+KEPT_DETERMINANT = 0.1
+SHORTENINGS, SHORTENED_FOR_ALL = 30, 6
+# Up to this fraction of bad faces only their own vertices are slowed down.
+FEW_FACES = 0.01
+LARGEST_LOG = 1.0
+# The flow has done its part when an iteration gains less than this fraction: close to the
+# goal the faces' own differences are left, far from it slow progress is progress.
+SMALLEST_GAIN, SMALLEST_GAIN_FAR = 0.08, 0.02
+FAR = 0.05
 CYCLES = 4
 POLISH_ROUNDS = 4
 POLISH_SWEEPS = 5
@@ -112,12 +122,10 @@ def _flow(
     """Poisson flow until it is good enough or stalls; the errors are appended to `history`."""
     start = len(history)
     for iteration in range(iterations):
-        if history[-1] <= tolerance or has_stalled(history[start - 1 :]):
+        if history[-1] <= tolerance or _has_stalled(history[start - 1 :]):
             break
         progress(0.8 * iteration / iterations, f"equalising areas: |log λ| {history[-1]:.4f}")
-        velocity = progress.run(area_velocity, current, faces, target, solver)
-        radial = np.einsum("ij,ij->i", velocity, current)
-        velocity = velocity - radial[:, None] * current
+        velocity = progress.run(_velocity, current, faces, target, solver)
         moved = _move(current, velocity, faces)
         if moved is None:
             break
@@ -126,12 +134,69 @@ def _flow(
     return current
 
 
+def area_error(directions: Floats, faces: Ints, target: Floats) -> float:
+    """Mean over the faces of |log(share of the area / target)|."""
+    share = np.maximum(share_of(face_areas(directions, faces)), 1e-300)
+    return float(np.abs(np.log(share / target)).mean())
+
+
+def share_of(areas: Floats) -> Floats:
+    """Areas (m,) as parts of their sum."""
+    share: Floats = areas / areas.sum()
+    return share
+
+
+def _has_stalled(history: list[float]) -> bool:
+    gain = SMALLEST_GAIN if history[-1] < FAR else SMALLEST_GAIN_FAR
+    return len(history) > 3 and history[-1] > (1.0 - gain) * history[-2]
+
+
+def _velocity(directions: Floats, faces: Ints, target: Floats, solver: ReusedFactor) -> Floats:
+    """Tangent vectors (n, 3) whose divergence turns the current areas into the target."""
+    size = len(directions)
+    areas = face_areas(directions, faces)
+    mass = faces_to_vertices(share_of(areas) / 3.0, faces, size)
+    wanted = faces_to_vertices(target / 3.0, faces, size)
+    right = mass * LARGEST_LOG * np.tanh(np.log(wanted / mass) / LARGEST_LOG) * areas.sum()
+    right -= mass * right.sum()
+    potential = -solver.solve(pinned(cotangent_laplacian(directions, faces)), right)
+    gradient = face_gradient(directions, faces, potential)
+    weighted = faces_to_vertices(areas[:, None] * gradient, faces, size)
+    velocity = weighted / faces_to_vertices(areas, faces, size)[:, None]
+    radial = np.einsum("ij,ij->i", velocity, directions)
+    tangential: Floats = velocity - radial[:, None] * directions
+    return tangential
+
+
+def face_gradient(vertices: Floats, faces: Ints, values: Floats) -> Floats:
+    """Gradient (m, 3) on every face of a function given at the vertices."""
+    a, b, c = vertices[faces[:, 0]], vertices[faces[:, 1]], vertices[faces[:, 2]]
+    normal = np.cross(b - a, c - a)
+    squared = np.maximum(np.einsum("ij,ij->i", normal, normal), 1e-300)
+    total = (
+        values[faces[:, 0], None] * np.cross(normal, c - b)
+        + values[faces[:, 1], None] * np.cross(normal, a - c)
+        + values[faces[:, 2], None] * np.cross(normal, b - a)
+    )
+    gradient: Floats = total / squared[:, None]
+    return gradient
+
+
 def _move(current: Floats, velocity: Floats, faces: Ints) -> Floats | None:
-    """Move along the velocity on the sphere as far as no face flips."""
+    """Move along the velocity as far as no face flips; None if that is nowhere.
 
-    def displaced(step: Floats) -> Floats:
+    The step is shortened for all; where a few faces still object, for their vertices alone.
+    """
+    before = KEPT_DETERMINANT * spherical_determinants(current, faces)
+    step = np.ones((len(current), 1))
+    for shortening in range(SHORTENINGS):
         moved = current + step * velocity
-        on_sphere: Floats = moved / np.linalg.norm(moved, axis=1, keepdims=True)
-        return on_sphere
-
-    return move_unflipped(current, displaced, lambda x: spherical_determinants(x, faces), faces)
+        moved /= np.linalg.norm(moved, axis=1, keepdims=True)
+        bad: npt.NDArray[np.bool_] = ~(spherical_determinants(moved, faces) > before)
+        if not bad.any():
+            return moved
+        if shortening < SHORTENED_FOR_ALL or bad.mean() > FEW_FACES:
+            step *= 0.6
+        else:
+            step[np.unique(faces[bad])] *= 0.5
+    return None

@@ -12,8 +12,7 @@ from ..progress import Progress
 from .advection import advected_sphere
 from .conformal import conformal_sphere
 from .criteria import Criterion, best_blend, wanted_shares
-from ..geometry.area_flow import area_error
-from .equiareal import blended_target, equiareal_sphere
+from .equiareal import area_error, blended_target, equiareal_sphere
 
 # A flow that ends above this mean |log λ| was held up by thin faces; it wrinkles the others.
 STALLED = 0.05
