@@ -24,7 +24,10 @@ RUN_S = 1800.0
 # In the uv image of the cell with blebs, as shares of the canvas.
 BLEBS, POINT = ((0.726, 0.43), (0.62, 0.43)), (0.66, 0.56)
 BOTTOM_UM, FOCUS_UM = 2.0, 4.0
-SHAPE = ((0.30, 0.30), (0.38, 0.24), (0.46, 0.34), (0.43, 0.50), (0.33, 0.52))
+# For the edges of a half-space around the cell.
+ROOM = 0.7
+# While the tools of shapes are beside it.
+SHAPE = ((0.36, 0.44), (0.46, 0.38), (0.60, 0.42), (0.56, 0.56), (0.42, 0.58))
 SIGNALS_FROM = 2
 
 
@@ -217,6 +220,7 @@ def region(person: Person) -> None:
     """A half-space for what is out of focus, with its edges in 3D."""
     _annotate(person, "out of focus")
     _from_the_side(person)
+    person.viewer.scene.camera.zoom *= ROOM
     regions = person.dock.regions
     high = float(person.dock.annotating.atlas.surface.vertices[:, 0].max())
     regions.position.setValue(high - FOCUS_UM)

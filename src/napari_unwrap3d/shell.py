@@ -131,9 +131,11 @@ class ShellVolume:
             low, high, step = first.indices(len(self))
             if step != 1:
                 raise IndexError("Layers are read one by one, or all between two.")
-            return self._between(low, high)[(slice(None), *others)]
+            several: Values = self._between(low, high)[(slice(None), *others)]
+            return several
         layer = range(len(self))[first]
-        return self._between(layer, layer + 1)[(0, *others)]
+        found: Values = self._between(layer, layer + 1)[(0, *others)]
+        return found
 
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> npt.NDArray[Any]:
         """The whole volume, filled."""

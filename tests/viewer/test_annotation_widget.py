@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.fields import CURVATURE, HEIGHT
+from napari_unwrap3d.viewer.annotation_regions import RegionsBox
 from napari_unwrap3d.viewer.annotation_widget import (
     NO_ANNOTATION,
     NO_CELL,
@@ -23,6 +25,7 @@ from napari_unwrap3d.viewer.annotation_widget import (
 from napari_unwrap3d.viewer.arrows import AXIS
 from napari_unwrap3d.viewer.computing import Outcome
 from napari_unwrap3d.viewer.layers import COPIES, KEY
+from napari_unwrap3d.viewer.view_state import show_view, view_of
 from napari_unwrap3d.viewer.writers import write_surface
 from viewer.opened import SECONDS, open_atlas
 
@@ -153,6 +156,10 @@ def test_a_half_space_follows_its_form(opened: Any) -> None:
     assert ((annotations.labels(name) == 1) == (z >= position)).all()
     regions.remove_button.click()
     assert not annotations.labels(name).any()
+    # A dock that is opened later proposes a place in the cell, too.
+    later = RegionsBox(widget.annotating)
+    assert z.min() < later.position.value() < z.max()
+    later.deleteLater()
 
 
 def test_a_box_is_previewed_added_and_follows_its_form(opened: Any) -> None:
@@ -243,6 +250,34 @@ def test_a_label_is_measured_fitted_and_exported(
     measures.export(tmp_path / "out")
     qtbot.waitUntil(lambda: measures._exporting is None, timeout=SECONDS)
     assert (tmp_path / "out" / "labels.csv").exists()
+
+
+def test_colours_and_what_is_hidden_come_back(opened: Any) -> None:
+    viewer, _, widget, annotations = opened
+    annotating = widget.annotating
+    for name in ("first", "second"):
+        annotations.add(name)
+    annotations.remove("out of focus")
+    annotating.set_visible("second", False)
+    before = {name: annotating.style(name) for name in annotations.names}
+    assert not before["second"][1]
+    view = json.loads(json.dumps(view_of(viewer)))
+    annotating.set_visible("second", True)
+    annotating.restore({"hidden": [], "first_colours": {"first": 0, "second": 5}})
+    assert annotating.style("second")[0] != before["second"][0]
+    show_view(viewer, view)
+    assert {name: annotating.style(name) for name in annotations.names} == before
+    for nonsense in ({"hidden": 3, "first_colours": {}}, {"hidden": [], "first_colours": [1]}):
+        show_view(viewer, {"annotations": nonsense})
+        assert {name: annotating.style(name) for name in annotations.names} == before
+
+
+def test_a_hint_is_no_work(opened: Any) -> None:
+    _, canvas, widget, _ = opened
+    canvas.show_chart("topography")
+    widget.regions.shapes_button.click()
+    assert "uv, direct and plane" in widget.message.text()
+    assert widget.busy.isHidden()
 
 
 def test_a_textured_mesh_is_written_whole(opened: Any, qtbot: Any, tmp_path: Path) -> None:

@@ -227,6 +227,14 @@ def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
     assert len(shown.layer("uv").data) == 1
     hand.widget.undo_button.click()
     assert len(shown.layer("surface").data) == 2
+    # Seen over what is drawn; and in a view that is not looked at, none is left over.
+    model = hand.canvas.model
+    hand.qtbot.waitUntil(lambda: model.layers[-1] is shown.layer("uv"))
+    hand.show("topography")
+    for name in list(points.positions):
+        points.remove(name)
+    hand.show("uv")
+    assert [len(shown.layer(chart).data) for chart in ("surface", "uv", "topography")] == [0, 0, 0]
 
 
 def test_drawing_in_the_topography_marks_where_the_surface_is(hand: Hand) -> None:

@@ -9,8 +9,17 @@ import numpy as np
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.viewer.showing import ShownBar
 from viewer.hand import Hand
-from viewer.opened import open_atlas
+from viewer.opened import SECONDS, open_atlas
 from viewer.rendering import BACKGROUND, alike, assert_looks_like, picture
+
+# Of the same colours at the same places, when one is a mean over the shell's few layers.
+CLOSE = 12
+
+
+def all_depths(canvas: Any) -> tuple[float, float]:
+    """All depths."""
+    depths = canvas.depth_bar.d_um
+    return float(depths[0]), float(depths[-1])
 
 
 def test_the_canvases_look_as_before(
@@ -28,10 +37,20 @@ def test_the_canvases_look_as_before(
     assert not alike(uv, uv[:, ::-1])
     canvas.show_chart("topography")
     canvas.depth_bar.set_depth(0.25)
+    qtbot.waitUntil(lambda: not canvas.depth_bar.busy, timeout=SECONDS)
+    coloured = picture(canvas.qt_viewer)
+    assert_looks_like(coloured, "topography_by_curvature")
+    canvas.depth_bar.show_content("Mask")
     slice_above = picture(canvas.qt_viewer)
     assert_looks_like(slice_above, "topography_slice")
     canvas.depth_bar.set_depth(-0.25)
     assert not alike(slice_above, picture(canvas.qt_viewer))
+    # Over all depths the surface is everywhere, in the colours that uv has where nothing overhangs.
+    canvas.depth_bar.show_content("Field")
+    canvas.depth_bar.set_range("Mean", *all_depths(canvas))
+    whole = picture(canvas.qt_viewer)
+    assert not alike(coloured, whole)
+    assert np.median(np.abs(whole.astype(int) - uv)) < CLOSE
 
 
 def test_meshes_are_lit_from_the_front(

@@ -142,6 +142,9 @@ class Annotating(QObject):
             return
         watching = Watching(annotations)
         self._texturing = Texturing(viewer, atlas, annotations, self.style, watching, self)
+        for name in self.names:
+            # In this order, so that each has its colours again.
+            self.style(name)
         self.layers.show(annotations, watching)
         self.shapes.show(annotations)
         self.points.show(annotations)
@@ -354,6 +357,21 @@ class Annotating(QObject):
         (self._hidden.discard if visible else self._hidden.add)(name)
         self.restyle()
 
+    def state(self) -> dict[str, Any]:
+        """Which annotations are hidden, and where their colours begin, as plain data."""
+        return {
+            "hidden": [name for name in self.names if name in self._hidden],
+            "first_colours": {name: self._offset[name] for name in self.names},
+        }
+
+    def restore(self, state: Mapping[str, Any]) -> None:
+        """Show what :meth:`state` said; KeyError, TypeError or ValueError if it makes no sense."""
+        there = set(self.names)
+        first = {str(name): int(number) for name, number in state["first_colours"].items()}
+        self._hidden = {str(name) for name in state["hidden"]} & there
+        self._offset |= {name: number for name, number in first.items() if name in there}
+        self.restyle()
+
     def restyle(self) -> None:
         """Show the colours as they are now, in every view."""
         if self._texturing is not None:
@@ -448,6 +466,11 @@ class Annotating(QObject):
 
 
 _ANNOTATING: weakref.WeakKeyDictionary[Any, Annotating] = weakref.WeakKeyDictionary()
+
+
+def open_annotating(viewer: Any) -> Annotating | None:
+    """What draws on the cell of a viewer, None while nothing does."""
+    return _ANNOTATING.get(getattr(viewer, "__wrapped__", viewer))
 
 
 def annotating_of(viewer: Any) -> Annotating:

@@ -66,6 +66,7 @@ class RegionsBox(QGroupBox):
         self.preview = RegionPreview(annotating)
         self._arrange()
         self._connect()
+        self._propose()
         self._update()
 
     def _arrange(self) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,15 @@ def label_colormap(colours: Mapping[int, npt.ArrayLike]) -> DirectLabelColormap:
     """A layer's colormap of the colours of an annotation's labels."""
     table: dict[int | None, Any] = {label: np.asarray(c) for label, c in colours.items()}
     return DirectLabelColormap(color_dict={**table, 0: np.zeros(4), None: np.zeros(4)})
+
+
+@cache
+def compile_colours() -> None:
+    """Let napari compile what colours labels, which holds up whoever needs it first.
+
+    It takes seconds, once in a process; to be called in a thread.
+    """
+    label_colormap({1: (1.0, 1.0, 1.0, 1.0)}).map(np.zeros((2, 2), np.uint16))
 
 
 class DrawnLabels(Labels):

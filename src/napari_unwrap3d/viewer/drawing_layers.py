@@ -14,7 +14,7 @@ import numpy as np
 from qtpy.QtCore import QObject
 
 from ..annotations import Annotations
-from .drawing import DrawnLabels, drawing_name, label_colormap
+from .drawing import DrawnLabels, compile_colours, drawing_name, label_colormap
 from .layers import UNIT, mesh_area, uv_pixel_um
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT
 from .placing import chart_of
@@ -166,7 +166,7 @@ class DrawingLayers(QObject):
         for chart in self._charts():
             if not annotations.names:
                 return
-            if not annotations.ready(chart):
+            if not annotations.ready(chart) or not compile_colours.cache_info().currsize:
                 self._build(chart)
                 continue
             for name in annotations.names:
@@ -326,4 +326,5 @@ class DrawingLayers(QObject):
 
 def _owners(annotations: Annotations, chart: str) -> str:
     annotations.owners(chart)
+    compile_colours()
     return chart

@@ -18,24 +18,25 @@ if TYPE_CHECKING:
 KEPT = "protrusions, edited"
 
 
-def put_labels(annotations: Annotations, found: Protrusions, *, keep: bool = False) -> None:
+def put_labels(annotations: Annotations, found: Protrusions, *, keep: bool = False) -> str:
     """Make what was found the annotation; what was drawn before cannot be undone any more.
 
     Else the first that a person takes back would be the run. `keep` what was the annotation
-    before, by another name.
+    before, by another name, which is returned; empty where nothing was kept.
     """
-    if keep:
-        _put_away(annotations)
-    elif NAME in annotations.names:
+    kept = _put_away(annotations) if keep else ""
+    if NAME in annotations.names:
         annotations.remove(NAME)
     state = annotations.state()
     drawn = Drawn(NAME, found.labels.astype(np.uint16))
     annotations.restore(replace(state, drawn=(*state.drawn, drawn)))
+    return kept
 
 
-def _put_away(annotations: Annotations) -> None:
+def _put_away(annotations: Annotations) -> str:
     name, number = KEPT, 2
     while name in annotations.names:
         name, number = f"{KEPT} ({number})", number + 1
     annotations.rename(NAME, name)
     show_info(f"What you had edited is kept as the annotation “{name}”.")
+    return name

@@ -16,7 +16,7 @@ from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..errors import ParameterError, Unwrap3DError
 from ..fields import CURVATURE, PROTRUSION
-from ..protrusions.colours import instance_colours
+from ..protrusions.colours import instance_colour
 from ..protrusions.columns import COLUMNS
 from ..protrusions.editing import EDITED, NAME, ProtrusionEdits
 from .annotating import LABELS, annotating_of
@@ -184,7 +184,9 @@ class Instances(QObject):
         self._atlas, self.found = atlas, found
         self._edits = ProtrusionEdits(atlas)
         if not (same or (known and first)):
-            put_labels(atlas.annotations, found, keep=known and was_edited)
+            kept = put_labels(atlas.annotations, found, keep=known and was_edited)
+            if kept:
+                self.annotating.set_visible(kept, False)
         self._reason = self.reason()
         if NAME in self.annotating.names:
             self.annotating.current = NAME
@@ -313,11 +315,10 @@ class Instances(QObject):
 
     def colour(self, label: int) -> Colour:
         """Of a protrusion, as strong as if all were selected."""
-        edits, own = self._edits, {}
+        edits, own = self._edits, instance_colour(label)
         if edits is not None and edits.started:
-            own = edits.annotations.colours(NAME)
-        colour = own.get(label) or instance_colours([label])[label]
-        return (*colour[:3], 1.0)
+            own = edits.annotations.colours(NAME).get(label, own)
+        return (*own[:3], 1.0)
 
     def _colours(self) -> Mapping[int, Colour]:
         count = max(LABELS, *(label + 1 for label in self.labels), 0)
@@ -339,8 +340,7 @@ class Instances(QObject):
     def split(self) -> None:
         """Make two of the one that is selected; where its peaks do not part it, by two clicks."""
         (label,) = self.selection
-        if self._edits is None:
-            return
+        assert self._edits is not None
         try:
             parts = self._edits.split(label, parts=PARTS)
         except ParameterError:
@@ -384,8 +384,7 @@ class Instances(QObject):
         self._edit(delete)
 
     def _edit(self, edit: Callable[[ProtrusionEdits], list[int]]) -> None:
-        if self._edits is None:
-            return
+        assert self._edits is not None
         try:
             chosen = edit(self._edits)
         except Unwrap3DError as error:

@@ -16,6 +16,7 @@ from .drawing import AXES
 from .layers import KEY, SPACE, UNIT
 from .placing import chart_of
 from .threads import tell
+from .turns import Turns, soon
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -56,15 +57,18 @@ class PointLayers(QObject):
         self._annotations: Annotations | None = None
         self._layers: dict[str, Points] = {}
         self._syncing = False
+        self._timer = soon(self, self._raise)
+        self._turns = Turns(self)
 
     def show(self, annotations: Annotations) -> None:
         """Show the points of this cell."""
         self._annotations = annotations
         annotations.points.changed.connect(self.fill)
-        self.fill()
+        self._turns.add(self._filling())
 
     def leave(self) -> None:
         """Take all layers away."""
+        self._turns.clear()
         if self._annotations is not None:
             self._annotations.points.changed.disconnect(self.fill)
             self._annotations = None
@@ -75,6 +79,7 @@ class PointLayers(QObject):
         """Show points in the second canvas, too, and set them there."""
         canvas.chart_changed.connect(self.fill)
         canvas.charts_changed.connect(self.fill)
+        canvas.model.layers.events.inserted.connect(self._raise_later)
         canvas.model.mouse_drag_callbacks.append(self._on_press)
 
     def layer(self, chart: str) -> Points | None:
@@ -100,6 +105,11 @@ class PointLayers(QObject):
 
     def fill(self, _: Any = None) -> None:
         """Show the points as they are."""
+        for _ in self._filling():
+            pass
+
+    def _filling(self) -> Iterator[None]:
+        """Do what :meth:`fill` does, a chart per step."""
         if self._annotations is None:
             return
         canvas = self._annotating.canvas
@@ -108,6 +118,7 @@ class PointLayers(QObject):
             charts.append(str(canvas.chart))
         for chart in {*charts, *self._layers}:
             self._fill(chart)
+            yield
 
     def _fill(self, chart: str) -> None:
         assert self._annotations is not None
@@ -127,6 +138,8 @@ class PointLayers(QObject):
         try:
             layer.selected_data = set()
             layer.data = shown
+            # One that is hidden would look for the names of points that are gone.
+            layer.set_view_slice()
             # napari selects what is new, and draws a box over it.
             layer.selected_data = set()
             shown_names = [_beside(name, chart) for name in names]
@@ -137,6 +150,21 @@ class PointLayers(QObject):
             layer.refresh_text()
         finally:
             self._syncing = False
+
+    def _raise_later(self, _: Any = None) -> None:
+        self._timer.start()
+
+    def _raise(self) -> None:
+        """Points are seen over what is drawn."""
+        canvas = self._annotating.canvas
+        if canvas is None:
+            return
+        layers = canvas.model.layers
+        for layer in self._layers.values():
+            if layer in layers and any(
+                type(each) is not Points for each in layers[layers.index(layer) :]
+            ):
+                layers.move(layers.index(layer), len(layers))
 
     def _make(self, chart: str) -> None:
         viewer, atlas = self._viewer(), self._annotating.atlas

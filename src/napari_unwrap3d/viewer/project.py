@@ -25,7 +25,7 @@ from .layers import SPACE, UNIT, LayerData, Layout, atlas_charts, chart_layers, 
 from .session import session_of
 from .sources import LayerSource
 from .threads import Task, tell
-from .view_state import show_view, view_of
+from .view_state import showing_view, view_of
 
 if TYPE_CHECKING:
     from .session import Session
@@ -184,30 +184,37 @@ def open_project(viewer: Any, path: str | Path) -> None:
 
 
 def _show(viewer: weakref.ref[Any], opened: Opened) -> None:
-    from napari.layers import Layer
-
     there = viewer()
     if there is None:
         return
+    session_of(there).turns.add(_showing(there, opened))
+
+
+def _showing(there: Any, opened: Opened) -> Iterator[None]:
+    """Show an opened project, a piece per turn of the event loop."""
+    from napari.layers import Layer
+
     session = session_of(there)
+    # The first layer with units of a process makes napari read all units that there are.
     layer = Layer.create(*opened.source_layer)
+    yield
     there.layers.append(layer)
+    yield
     shown = dict(atlas_charts(opened.atlas))
     known = Known(opened.pipeline, opened.identity, opened.origin, shown)
     session.adopt(known, opened.atlas, layer, opened.layers)
     session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
-    session.turns.add(_look(viewer, opened))
+    session.turns.add(_look(there, opened))
 
 
-def _look(viewer: weakref.ref[Any], opened: Opened) -> Iterator[None]:
+def _look(there: Any, opened: Opened) -> Iterator[None]:
     """When everything is there: make the window look as it did."""
-    there = viewer()
-    if there is not None:
-        if opened.atlas.annotated is not None and opened.atlas.annotations.names:
-            annotating_of(there)
-        show_view(there, opened.view)
-        autosave_of(there).opened(opened.path)
-        session_of(there).told.emit(f"Opened {opened.path.name}.")
+    if opened.atlas.annotated is not None and opened.atlas.annotations.names:
+        annotating_of(there)
+        yield
+    yield from showing_view(there, opened.view)
+    autosave_of(there).opened(opened.path)
+    session_of(there).told.emit(f"Opened {opened.path.name}.")
     yield
 
 

@@ -191,7 +191,7 @@ class StepPanel(QFrame):
     def _reset(self, group: str) -> None:
         values = getattr(self.initial, group).model_dump()
         now = getattr(self.session.parameters, group).model_dump()
-        kept = {path.split(".")[1] for path in (*IMPLIED, "stack.label")}
+        kept = {path.removeprefix(f"{group}.") for path in (*IMPLIED, "stack.label")}
         values |= {name: now[name] for name in kept if name in values}
         self.form.show_values(
             self.session.parameters.model_copy(
@@ -220,7 +220,11 @@ class StepPanel(QFrame):
         self.session.set_values("reference", chosen)
 
     def _on_threshold_moved(self, threshold_um: float) -> None:
-        self.session.set_values("protrusions", {"threshold_um": threshold_um})
+        if self.session.parameters.protrusions.method == "cortex":
+            self.session.set_values("protrusions", {"threshold_um": threshold_um})
+        else:
+            chosen = {"threshold": "value", "threshold_um": threshold_um}
+            self.session.set_values("topographic", chosen)
 
     # What the session says ---------------------------------------------------
 
@@ -302,8 +306,7 @@ class StepPanel(QFrame):
         if isinstance(self.plot, FlowPlot):
             self.plot.show_flow(chart.total_curvature, chart.iteration)
         elif isinstance(self.plot, HeightPlot):
-            movable = self.session.parameters.protrusions.method == "cortex"
-            self.plot.show_heights(chart, self.session.charts["surface"], movable)
+            self.plot.show_heights(chart, self.session.charts["surface"])
         elif isinstance(self.plot, DistortionPlot):
             if self.step == "sphere":
                 self.plot.compute(sphere_histograms, self.session.charts["reference"], chart)

@@ -195,14 +195,12 @@ class HeightPlot(LinePlot):
         super().__init__(session, parent)
         self.histogram: Any = None
         self.threshold_um = float("nan")
-        self._movable = True
         self._task: Task | None = None
+        self.setToolTip("Drag the line to where protrusions are to begin.")
 
-    def show_heights(self, found: Protrusions, surface: Surface, movable: bool) -> None:
+    def show_heights(self, found: Protrusions, surface: Surface) -> None:
         """Show what was found; the line is where protrusions begin."""
         self.threshold_um = float(found.numbers.get("threshold_um", float("nan")))
-        self._movable = movable
-        self.setToolTip("Drag the line to where protrusions are to begin." * movable)
         self._task = Task(height_histogram, found, surface)
         self._task.returned.connect(self._on_computed)
         self._task.failed.connect(tell)
@@ -220,12 +218,10 @@ class HeightPlot(LinePlot):
         axes.set_yticks([])
         axes.minorticks_off()
         axes.set_xlabel("µm", fontsize=FONT, color=colours["text"], labelpad=1)
-        title = "height over the cortex" + "; drag the threshold" * self._movable
-        self.style(axes, colours, title)
+        self.style(axes, colours, "height over the cortex; drag the threshold")
         self._line = None
         if np.isfinite(self.threshold_um):
-            line = axes.axvline(self.threshold_um, color=CHOSEN, linewidth=2)
-            self._line = line if self._movable else None
+            self._line = axes.axvline(self.threshold_um, color=CHOSEN, linewidth=2)
 
     def _dragged(self, x: float) -> None:
         self.threshold_um = max(round(x, 2), 0.0)

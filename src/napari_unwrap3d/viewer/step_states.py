@@ -28,7 +28,7 @@ TITLES = {
     "protrusions": "Protrusions",
 }
 # A step whose parameters are several groups.
-GROUPS = {"protrusions": ("protrusions", "topographic")}
+GROUPS = {"protrusions": ("protrusions", "topographic", "refinement")}
 
 
 @dataclass

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import logging
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from ..errors import Unwrap3DError
+from .annotating import open_annotating
 from .canvas import open_canvas
 from .instances import open_instances
 from .layers import KEY, UNWRAPPED
@@ -62,14 +63,24 @@ def view_of(viewer: Any) -> dict[str, Any]:
     instances = open_instances(viewer)
     if instances is not None and instances.found is not None:
         view["protrusions"] = instances.state()
+    annotating = open_annotating(viewer)
+    if annotating is not None:
+        view["annotations"] = annotating.state()
     return view
 
 
 def show_view(viewer: Any, view: Mapping[str, Any]) -> None:
     """Make a window look as it did; what is missing or makes no sense stays as it is."""
+    for _ in showing_view(viewer, view):
+        pass
+
+
+def showing_view(viewer: Any, view: Mapping[str, Any]) -> Iterator[None]:
+    """Do what :func:`show_view` does in pieces."""
     for part, restore in _PARTS.items():
         if part in view:
             _try(part, restore, viewer, view[part])
+            yield
 
 
 def _try(what: str, restore: Callable[..., None], *arguments: Any) -> None:
@@ -126,6 +137,12 @@ def _protrusions(viewer: Any, known: Mapping[str, Any]) -> None:
         instances.restore(known)
 
 
+def _annotations(viewer: Any, known: Mapping[str, Any]) -> None:
+    annotating = open_annotating(viewer)
+    if annotating is not None:
+        annotating.restore(known)
+
+
 # In the order in which they are put back.
 _PARTS: dict[str, Callable[..., None]] = {
     "layers": _layers,
@@ -135,6 +152,7 @@ _PARTS: dict[str, Callable[..., None]] = {
     "colouring": _colouring,
     "depth": _depth,
     "protrusions": _protrusions,
+    "annotations": _annotations,
 }
 
 
