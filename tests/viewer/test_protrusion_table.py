@@ -22,6 +22,8 @@ from napari_unwrap3d.protrusions.table import measure_protrusions
 from napari_unwrap3d.viewer.instance_annotation import KEPT
 from napari_unwrap3d.viewer.instance_filter import Filter
 from napari_unwrap3d.viewer.instance_look import look_at
+from napari_unwrap3d.viewer.instances import instances_of
+from napari_unwrap3d.viewer.project import open_project, saving
 from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
 from napari_unwrap3d.viewer.session import session_of
 from viewer.opened import SECONDS
@@ -382,3 +384,28 @@ def test_everything_is_exported_as_edited(cell: Protruding, tmp_path: Path) -> N
     meshes = {path.name for path in (tmp_path / "out" / "meshes").rglob("*.ply")}
     assert meshes == {"cortex.ply", *(f"protrusion_{n}.ply" for n in (1, 3, 4))}
     assert "Wrote" in cell.dock.count.text()
+
+
+def test_a_project_brings_edits_and_selection_back(
+    make_napari_viewer: Any, qtbot: Any, cell: Protruding, tmp_path: Path
+) -> None:
+    cell.instances.select([1, 2])
+    cell.press("merge")
+    cell.dock.show_columns(["solidity"])
+    cell.instances.set_filter(Filter(column="volume_um3", low=0.01))
+    cell.instances.select([3])
+    path = saving(session_of(cell.viewer), cell.viewer, tmp_path / "cell.unwrap3d")()
+    edited = cell.labels
+    viewer = make_napari_viewer()
+    open_project(viewer, path)
+    session = session_of(viewer)
+    qtbot.waitUntil(lambda: session.atlas is not None, timeout=SECONDS)
+    instances = instances_of(viewer)
+    qtbot.waitUntil(lambda: instances.selection == (3,), timeout=SECONDS)
+    qtbot.waitUntil(lambda: not instances.busy, timeout=SECONDS)
+    assert instances.edited
+    assert instances.labels == (1, 3, 4)
+    assert (session.atlas.annotations.labels(NAME) == edited).all()
+    assert instances.columns == ("label", "solidity")
+    assert instances.filter == Filter(column="volume_um3", low=0.01)
+    assert not instances.reason()
