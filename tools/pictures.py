@@ -29,8 +29,8 @@ ROOM = 0.7
 # While the tools of shapes are beside it.
 SHAPE = ((0.36, 0.44), (0.46, 0.38), (0.60, 0.42), (0.56, 0.56), (0.42, 0.58))
 SIGNALS_FROM = 2
-# Of the protrusions in the order of v, from the pole: one that is not at the rim of the images.
-ROW = 12
+# Of the protrusions of the cell with blebs, one that is in the middle of the images.
+PROTRUSION = 5
 
 
 def beside(pictures: list[Image.Image], columns: int) -> Image.Image:
@@ -304,9 +304,7 @@ def protrusions(person: Person) -> None:
     (table,) = person.window.findChildren(ProtrusionTable)
     person.wait(lambda: not table.instances.busy, "the table")
     _show_alone(person, "surface")
-    found = table.instances.found
-    label = int(found.columns["label"][found.columns["v_px"].argsort()[ROW]])
-    table.instances.select([label])
+    table.instances.select([PROTRUSION])
     person.click(table.edit_bar.buttons["show"])
     person.wait(lambda: not table.square.busy, "the square image")
     person.click(person.shown.fit_button)

@@ -1,4 +1,4 @@
-"""Which protrusions are shown: those of a motif, and within a range of one measure."""
+"""Which protrusions and measures are shown: those of a motif, and within a range of one measure."""
 
 from __future__ import annotations
 
@@ -13,6 +13,9 @@ from ..charts import MOTIFS
 
 if TYPE_CHECKING:
     from ..charts import Protrusions
+
+# What is shown of the table at first.
+COLUMNS_FIRST = ("label", "motif", "height_max_um", "area_um2", "volume_um3", "width_um", "neck_um")
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from ..protrusions.editing import EDITED, NAME, ProtrusionEdits
 from .annotating import LABELS, annotating_of
 from .canvas import canvas_of
 from .instance_annotation import put_labels
-from .instance_filter import Filter, filter_from
+from .instance_filter import COLUMNS_FIRST, Filter, filter_from
 from .instance_look import look_at, strengths
 from .painting import BRUSH, LOOK
 from .session import session_of
@@ -41,8 +41,6 @@ STEP = "protrusions"
 # A stroke that rests this long is measured.
 REST_MS = 300
 CLOSE_SECONDS = 5.0
-# What is shown of the table at first.
-COLUMNS_FIRST = ("label", "motif", "height_max_um", "area_um2", "volume_um3", "width_um", "neck_um")
 PARTS = 2
 POINT = "Its peaks do not part it: click a place in each of the two parts. Esc stops."
 
@@ -126,7 +124,7 @@ class Instances(QObject):
         if self._annotating is None:
             self._annotating = annotating_of(self.viewer)
             self._annotating.edited.connect(self._timer.start)
-            self._annotating.listed.connect(self._on_listed)
+            self._annotating.listed.connect(self._on_steps)
             self._annotating.style_by(NAME, self._colours)
             canvas_of(self.viewer).colouring.changed.connect(self._on_colouring)
         return self._annotating
@@ -176,6 +174,9 @@ class Instances(QObject):
         self._on_steps()
 
     def _begin(self, atlas: Atlas, found: Protrusions) -> None:
+        # Projects bring our selection back, so they know this module.
+        from .project import autosave_of
+
         known = NAME in atlas.annotations.names
         same = known and np.array_equal(atlas.annotations.labels(NAME), found.labels)
         first = self._edits is None
@@ -184,11 +185,12 @@ class Instances(QObject):
         self._atlas, self.found = atlas, found
         self._edits = ProtrusionEdits(atlas)
         if not (same or (known and first)):
-            kept = put_labels(atlas.annotations, found, keep=known and was_edited)
+            with autosave_of(self.viewer).ignoring():
+                kept = put_labels(atlas.annotations, found, keep=known and was_edited)
             if kept:
                 self.annotating.set_visible(kept, False)
         self._reason = self.reason()
-        if NAME in self.annotating.names:
+        if self.annotating.tool == LOOK and NAME in self.annotating.names:
             self.annotating.current = NAME
         self._renew_fields()
         self._keep_selection()
@@ -201,9 +203,6 @@ class Instances(QObject):
         self._atlas, self._edits, self.found = None, None, None
         self._keep_selection()
         self.changed.emit()
-
-    def _on_listed(self) -> None:
-        self._on_steps()
 
     # Measuring -------------------------------------------------------------------------
 
@@ -454,7 +453,7 @@ class Instances(QObject):
         self.session.steps_changed.disconnect(self._on_steps)
         if self._annotating is not None:
             self._annotating.edited.disconnect(self._timer.start)
-            self._annotating.listed.disconnect(self._on_listed)
+            self._annotating.listed.disconnect(self._on_steps)
             self._annotating.style_by(NAME, None)
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)

@@ -34,9 +34,10 @@ from .canvas import canvas_of
 from .connections import end_with_dock
 from .docking import Docked
 from .instance_edits import EditBar
+from .instance_filter import COLUMNS_FIRST
 from .instance_filter_bar import FilterBar
 from .instance_model import LABEL, InstanceModel, ShownRows, title
-from .instances import COLUMNS_FIRST, NOT_FOUND, OTHERS, STEP, instances_of
+from .instances import NOT_FOUND, OTHERS, STEP, instances_of
 from .notice import small_button
 from .square_view import SquareView
 from .threads import Task, tell
