@@ -26,6 +26,7 @@ from napari_unwrap3d.viewer.instances import instances_of
 from napari_unwrap3d.viewer.project import autosave_of, open_project, saving
 from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
 from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.step_panel import ProtrusionsDock
 from viewer.opened import SECONDS
 from viewer.protruding import LEFT, SHIFT, Protruding
 
@@ -139,6 +140,20 @@ def test_a_drag_and_a_tool_select_nothing(cell: Protruding) -> None:
     cell.annotating.tool = "brush"
     cell.click_image(cell.pixel_of(1))
     assert cell.instances.selection == ()
+
+
+def test_the_panel_of_the_step_has_the_heights(cell: Protruding) -> None:
+    dock = ProtrusionsDock(cell.viewer)
+    cell.viewer.window.add_dock_widget(dock)
+    plot = dock.panel.plot
+    cell.qtbot.waitUntil(lambda: plot.histogram is not None, timeout=SECONDS)
+    assert not plot.isHidden()
+    assert plot.threshold_um == cell.found.numbers["threshold_um"]
+    assert f"{BLEBS} found" in dock.panel.status.text()
+    # What a person edits is counted, too.
+    cell.instances.select([1, 2])
+    cell.press("merge")
+    assert f"{BLEBS - 1} found" in dock.panel.status.text()
 
 
 def test_merge_undo_and_delete(cell: Protruding) -> None:

@@ -163,6 +163,7 @@ class StepPanel(QFrame):
         self.session.running_changed.connect(self._on_running)
         self.session.progressed.connect(self._on_progress)
         self.session.charts_changed.connect(self._on_charts)
+        self.session.finished.connect(self._on_charts)
 
     # What the user does ------------------------------------------------------
 
@@ -293,9 +294,16 @@ class StepPanel(QFrame):
     def _on_charts(self, _: Any) -> None:
         self._plot_charts()
 
+    def _chart(self) -> Any:
+        """What the plot is of; protrusions are no chart that has layers of its own."""
+        atlas = self.session.atlas
+        if self.step == "protrusions" and atlas is not None:
+            return atlas.on_request.get(self.step)
+        return self.session.charts.get(self.step)
+
     def _plot_charts(self) -> None:
         """Draw what is new, once it can be seen."""
-        chart = self.session.charts.get(self.step)
+        chart = self._chart()
         if self.plot is None or not self.title.isChecked() or chart is self._plotted:
             return
         if chart is None:
