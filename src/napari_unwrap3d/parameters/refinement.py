@@ -16,6 +16,14 @@ class RefinementParameters(StepParameters):
         "Take protrusions apart that are several round blebs; not for sheets.",
         source=SOURCE,
     )
+    smoothing_voxels: float = setting(
+        4.0,
+        "Smoothing",
+        "The mean curvature is diffused over the surface by this length first.",
+        unit="voxels",
+        ge=0,
+        le=20,
+    )
     depth: float = setting(
         0.3,
         "Depth of a waist",

@@ -19,7 +19,7 @@ from scipy.spatial import cKDTree
 
 from ..charts import Mask, Surface
 from ..errors import FlippedFacesError, NotADiskError, TooSmallError
-from ..geometry.laplacian import vertex_mass
+from ..geometry.laplacian import Factor, cotangent_laplacian, vertex_mass
 from ..geometry.mesh import edges_with_faces
 from ..parameters import RefinementParameters
 from ..progress import Progress
@@ -70,7 +70,9 @@ def refine(
     names = np.unique(refined[refined > 0])
     if len(names) == 0:
         return refined
-    curvature = np.asarray(surface.fields[CURVATURE], np.float64)
+    progress(0.0, "smoothing the curvature")
+    smoothing_um = parameters.smoothing_voxels * voxel_um
+    curvature = progress.run(smoothed, surface, surface.fields[CURVATURE], smoothing_um)
     threshold = curvature_threshold(curvature)
     least_um2 = parameters.minimum_area * voxel_um**2
     mass = vertex_mass(surface.vertices, surface.faces)
@@ -110,6 +112,14 @@ def refine_segmentation(
         volume[voxels] = labels[own][nearest]
     numbers = {**found.numbers, "protrusions_split": len(changed)}
     return replace(found, labels=labels, volume=volume, numbers=numbers)
+
+
+def smoothed(surface: Surface, values: npt.NDArray[np.floating], sigma_um: float) -> Floats:
+    """Values (n,) after diffusion over the surface by σ in µm, one implicit step."""
+    mass = sparse.diags_array(vertex_mass(surface.vertices, surface.faces))
+    laplacian = cotangent_laplacian(surface.vertices, surface.faces)
+    matrix = mass - 0.5 * sigma_um**2 * laplacian
+    return Factor(matrix).solve(mass @ np.asarray(values, np.float64))
 
 
 def curvature_threshold(curvature: Floats) -> float:
