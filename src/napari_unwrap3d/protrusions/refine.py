@@ -20,10 +20,9 @@ from scipy.spatial import cKDTree
 from ..charts import Mask, Surface
 from ..errors import FlippedFacesError, NotADiskError, TooSmallError
 from ..geometry.laplacian import Factor, cotangent_laplacian, vertex_mass
-from ..geometry.mesh import edges_with_faces
 from ..parameters import RefinementParameters
 from ..progress import Progress
-from .disk import unwrap_disk
+from .disk import Net, net_of, unwrap_disk
 from .segment import Segmentation
 
 Floats = npt.NDArray[np.float64]
@@ -75,15 +74,15 @@ def refine(
     curvature = progress.run(smoothed, surface, surface.fields[CURVATURE], smoothing_um)
     threshold = curvature_threshold(curvature)
     least_um2 = parameters.minimum_area * voxel_um**2
-    mass = vertex_mass(surface.vertices, surface.faces)
-    lengths = _edge_graph(surface)
+    net = net_of(surface.vertices, surface.faces)
+    lengths = _edge_graph(surface, net.edges)
     following = int(names[-1])
     for number, name in enumerate(names):
         part = progress.part(number / len(names), (number + 1) / len(names))
         part(0.0, f"refining protrusion {number + 1} of {len(names)}")
-        seeds = _seeds(surface, labels, int(name), curvature, threshold, parameters, part)
+        seeds = _seeds(surface, labels, int(name), curvature, threshold, parameters, net, part)
         inside = np.flatnonzero(refined == name)
-        for area in _spread_parts(lengths, inside, seeds[inside], mass, least_um2):
+        for area in _spread_parts(lengths, inside, seeds[inside], net.mass, least_um2):
             following += 1
             refined[area] = following
     return refined
@@ -140,6 +139,7 @@ def _seeds(
     curvature: Floats,
     threshold: float,
     parameters: RefinementParameters,
+    net: Net,
     progress: Progress,
 ) -> Ints:
     """A number per vertex (n,) of the surface: 1, 2, … in the caps of a protrusion, else 0."""
@@ -152,6 +152,7 @@ def _seeds(
             pixels=parameters.pixels,
             tolerance=TOLERANCE,
             iterations=ITERATIONS,
+            net=net,
             progress=progress,
         )
     except (NotADiskError, TooSmallError, FlippedFacesError) as error:
@@ -198,9 +199,8 @@ def _peaks(height: Floats, depth: float) -> Ints:
     return peaks
 
 
-def _edge_graph(surface: Surface) -> sparse.csr_array:
-    """Lengths of the edges between the vertices of a surface, (n, n)."""
-    edges = edges_with_faces(surface.faces).vertices
+def _edge_graph(surface: Surface, edges: Ints) -> sparse.csr_array:
+    """Lengths of the edges (e, 2) between the vertices of a surface, (n, n)."""
     lengths = np.linalg.norm(np.diff(surface.vertices[edges], axis=1)[:, 0], axis=1)
     size = len(surface.vertices)
     half = sparse.coo_array((lengths, tuple(edges.T)), (size, size)).tocsr()
