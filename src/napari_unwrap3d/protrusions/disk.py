@@ -188,7 +188,7 @@ def unwrap_disk(
         )
     net = net_of(surface.vertices, surface.faces) if net is None else net
     filled = fill_labels(net, chosen)
-    between = filled[surface.faces].all(axis=1)
+    between: Bools = np.all(filled[surface.faces], axis=1)
     part = largest_piece(surface.vertices, surface.faces, between)
     vertices, faces = surface.vertices[part.vertices], part.faces
     report(0.05, "harmonic disk")
