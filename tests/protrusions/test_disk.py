@@ -9,7 +9,7 @@ from napari_unwrap3d.charts import Surface
 from napari_unwrap3d.errors import Cancelled, InputError, NotADiskError, TooSmallError
 from napari_unwrap3d.geometry.disk import disk_determinants, disk_topology
 from napari_unwrap3d.progress import Progress
-from napari_unwrap3d.protrusions.disk import fill_labels, largest_piece, unwrap_disk
+from napari_unwrap3d.protrusions.disk import fill_labels, largest_piece, net_of, unwrap_disk
 from shapes import icosphere, torus_mesh
 
 
@@ -75,7 +75,7 @@ def test_holes_are_filled_and_the_largest_piece_is_taken(ball, cap_labels):
     whole = unwrap_disk(ball, cap_labels, 7, pixels=16)
     np.testing.assert_array_equal(found.vertices, whole.vertices)
     assert found.quality["vertices_left_out"] > 0
-    filled = fill_labels(ball.vertices, ball.faces, torn == 7)
+    filled = fill_labels(net_of(ball.vertices, ball.faces), torn == 7)
     assert filled[hole].all()
 
 
@@ -120,7 +120,7 @@ def test_a_single_vertex_and_a_missing_label_say_so(ball):
 def test_no_edge_inside_joins_the_border():
     vertices, faces = icosphere(4)
     ragged = vertices[:, 0] + np.random.default_rng(0).normal(0, 0.15, len(vertices)) > 0.2
-    filled = fill_labels(vertices, faces, ragged)
+    filled = fill_labels(net_of(vertices, faces), ragged)
     part = largest_piece(vertices, faces, filled[faces].all(axis=1))
     assert disk_topology(part.faces).is_disk
     ends = np.sort(

@@ -7,12 +7,15 @@ import pytest
 
 from blebbed import VOXEL_UM, bleb_labels, blebbed_mask, blebbed_surface
 from napari_unwrap3d.charts import Surface
+from napari_unwrap3d.geometry.laplacian import vertex_mass
 from napari_unwrap3d.parameters import RefinementParameters
 from napari_unwrap3d.progress import silent
 from napari_unwrap3d.protrusions.refine import (
+    CURVATURE,
     curvature_threshold,
     refine,
     refine_segmentation,
+    smoothed,
     split_caps,
 )
 from napari_unwrap3d.protrusions.segment import Segmentation
@@ -44,6 +47,30 @@ def test_a_touching_pair_becomes_two_and_a_single_bleb_stays(parts, truth, unite
     for bleb in (1, 2):
         assert max(iou(parts == k, truth == bleb) for k in (5, 10)) > 0.85
     np.testing.assert_array_equal(parts > 0, united > 0)
+
+
+def test_noise_of_the_curvature_cuts_no_bleb(united, truth):
+    surface = blebbed_surface()
+    noise = np.random.default_rng(0).normal(0, 1.5, len(united))
+    field = {CURVATURE: surface.fields[CURVATURE] + noise}
+    noisy = Surface(surface.vertices, surface.faces, field)
+    found = refine(noisy, united, VOXEL_UM, RefinementParameters(), silent())
+    assert set(np.unique(found)) == {0, 5, 9, 10}
+    for bleb in (1, 2):
+        assert max(iou(found == k, truth == bleb) for k in (5, 10)) > 0.8
+    raw = RefinementParameters(smoothing_voxels=0.0)
+    assert len(np.unique(refine(noisy, united, VOXEL_UM, raw, silent()))) > 4
+
+
+def test_smoothing_keeps_the_mean_and_what_is_constant():
+    surface = blebbed_surface()
+    mass = vertex_mass(surface.vertices, surface.faces)
+    values = surface.fields[CURVATURE]
+    smooth = smoothed(surface, values, 0.4)
+    assert mass @ smooth == pytest.approx(mass @ values)
+    assert smooth.std() < values.std()
+    np.testing.assert_allclose(smoothed(surface, np.full(len(mass), 3.0), 0.4), 3.0)
+    np.testing.assert_allclose(smoothed(surface, values, 0.0), values)
 
 
 def test_names_do_not_matter(parts, united):

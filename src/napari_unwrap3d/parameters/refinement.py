@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from .base import StepParameters, setting
 
 SOURCE = "Methods, Refinement of undersegmented blebs"
@@ -10,11 +12,20 @@ SOURCE = "Methods, Refinement of undersegmented blebs"
 class RefinementParameters(StepParameters):
     """Refinement: several blebs under one label are told apart by their round caps."""
 
-    compute: bool = setting(
-        False,
+    apply: Literal["never", "blebs", "always"] = setting(
+        "never",
         "Split touching blebs",
-        "Take protrusions apart that are several round blebs; not for sheets.",
+        "Take protrusions apart that are several round blebs: never, where the protrusions of "
+        "the cell are blebs, or always; it may cut wavy sheets.",
         source=SOURCE,
+    )
+    smoothing_voxels: float = setting(
+        4.0,
+        "Smoothing",
+        "The mean curvature is diffused over the surface by this length first.",
+        unit="voxels",
+        ge=0,
+        le=20,
     )
     depth: float = setting(
         0.3,

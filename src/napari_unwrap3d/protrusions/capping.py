@@ -19,7 +19,7 @@ from ..geometry.holes import boundary_loops
 from ..geometry.mesh import corner_fans, signed_volume
 from ..geometry.patch import fan_patch, least_bending
 from ..progress import Progress, silent
-from .disk import fill_labels, largest_piece
+from .disk import fill_labels, largest_piece, net_of
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
@@ -79,9 +79,10 @@ def decompose(
     report = progress or silent()
     owner = np.zeros(len(surface.faces), np.int64)
     names = np.unique(labels[labels > 0])
+    net = net_of(surface.vertices, surface.faces)
     for name in names:
         chosen = labels == name
-        filled = fill_labels(surface.vertices, surface.faces, chosen) & (chosen | (labels == 0))
+        filled = fill_labels(net, chosen) & (chosen | (labels == 0))
         # Faces with two corners in it: the border runs where it should, on average.
         own = (filled[surface.faces].sum(axis=1) >= 2) & (owner == 0)
         if own.any():

@@ -136,6 +136,7 @@ def unwrap_disk(
     equiareal: bool = True,
     tolerance: float = 0.01,
     iterations: int = 100,
+    net: Net | None = None,
     progress: Progress | None = None,
 ) -> Disk:
     """Lay one protrusion on the unit disk and on a square image.
@@ -157,6 +158,8 @@ def unwrap_disk(
         Whether areas are relaxed; else the map stays harmonic.
     tolerance, iterations
         Areas are relaxed until mean |log λ| is below the tolerance, or for so many steps.
+    net : Net, optional
+        Of the surface (:func:`net_of`), where many protrusions of it are unwrapped.
     progress : Progress, optional
 
     Returns
@@ -183,8 +186,9 @@ def unwrap_disk(
             labels=np.asarray(labels).shape,
             vertices=len(surface.vertices),
         )
-    filled = fill_labels(surface.vertices, surface.faces, chosen)
-    between = filled[surface.faces].all(axis=1)
+    net = net_of(surface.vertices, surface.faces) if net is None else net
+    filled = fill_labels(net, chosen)
+    between: Bools = np.all(filled[surface.faces], axis=1)
     part = largest_piece(surface.vertices, surface.faces, between)
     vertices, faces = surface.vertices[part.vertices], part.faces
     report(0.05, "harmonic disk")
@@ -272,17 +276,35 @@ def largest_piece(
     return Submesh(numbers[order], rank[fans], kept)
 
 
-def fill_labels(vertices: Floats, faces: Ints, chosen: Bools) -> Bools:
+class Net(NamedTuple):
+    """What filling holes needs of a surface, and need not find anew for every protrusion.
+
+    Attributes
+    ----------
+    edges : ndarray, (e, 2) int64
+    mass : ndarray, (n,)
+        The area that belongs to each vertex.
+    """
+
+    edges: Ints
+    mass: Floats
+
+
+def net_of(vertices: Floats, faces: Ints) -> Net:
+    """The edges of a mesh and the areas of its vertices."""
+    return Net(edges_with_faces(faces).vertices, vertex_mass(vertices, faces))
+
+
+def fill_labels(net: Net, chosen: Bools) -> Bools:
     """Chosen vertices (n,) with the holes among them.
 
     A hole is a piece of what is left of the surface, of less than a tenth of its area.
     """
     outside = ~chosen
-    edges = edges_with_faces(faces).vertices
-    edges = edges[outside[edges].all(axis=1)]
+    edges, mass = net
+    edges = edges[outside[edges[:, 0]] & outside[edges[:, 1]]]
     links = sparse.coo_array((np.ones(len(edges), np.int8), tuple(edges.T)), (len(chosen),) * 2)
     count, piece = csgraph.connected_components(links, directed=False)
-    mass = vertex_mass(vertices, faces)
     areas = np.bincount(piece[outside], mass[outside], minlength=count)
     filled: Bools = chosen | (areas[piece] < LARGEST_HOLE * mass.sum())
     return filled

@@ -19,11 +19,10 @@ from scipy.spatial import cKDTree
 
 from ..charts import Mask, Surface
 from ..errors import FlippedFacesError, NotADiskError, TooSmallError
-from ..geometry.laplacian import vertex_mass
-from ..geometry.mesh import edges_with_faces
+from ..geometry.laplacian import Factor, cotangent_laplacian, vertex_mass
 from ..parameters import RefinementParameters
 from ..progress import Progress
-from .disk import unwrap_disk
+from .disk import Net, net_of, unwrap_disk
 from .segment import Segmentation
 
 Floats = npt.NDArray[np.float64]
@@ -70,18 +69,20 @@ def refine(
     names = np.unique(refined[refined > 0])
     if len(names) == 0:
         return refined
-    curvature = np.asarray(surface.fields[CURVATURE], np.float64)
+    progress(0.0, "smoothing the curvature")
+    smoothing_um = parameters.smoothing_voxels * voxel_um
+    curvature = progress.run(smoothed, surface, surface.fields[CURVATURE], smoothing_um)
     threshold = curvature_threshold(curvature)
     least_um2 = parameters.minimum_area * voxel_um**2
-    mass = vertex_mass(surface.vertices, surface.faces)
-    lengths = _edge_graph(surface)
+    net = net_of(surface.vertices, surface.faces)
+    lengths = _edge_graph(surface, net.edges)
     following = int(names[-1])
     for number, name in enumerate(names):
         part = progress.part(number / len(names), (number + 1) / len(names))
         part(0.0, f"refining protrusion {number + 1} of {len(names)}")
-        seeds = _seeds(surface, labels, int(name), curvature, threshold, parameters, part)
+        seeds = _seeds(surface, labels, int(name), curvature, threshold, parameters, net, part)
         inside = np.flatnonzero(refined == name)
-        for area in _spread_parts(lengths, inside, seeds[inside], mass, least_um2):
+        for area in _spread_parts(lengths, inside, seeds[inside], net.mass, least_um2):
             following += 1
             refined[area] = following
     return refined
@@ -112,6 +113,14 @@ def refine_segmentation(
     return replace(found, labels=labels, volume=volume, numbers=numbers)
 
 
+def smoothed(surface: Surface, values: npt.NDArray[np.floating], sigma_um: float) -> Floats:
+    """Values (n,) after diffusion over the surface by σ in µm, one implicit step."""
+    mass = sparse.diags_array(vertex_mass(surface.vertices, surface.faces))
+    laplacian = cotangent_laplacian(surface.vertices, surface.faces)
+    matrix = mass - 0.5 * sigma_um**2 * laplacian
+    return Factor(matrix).solve(mass @ np.asarray(values, np.float64))
+
+
 def curvature_threshold(curvature: Floats) -> float:
     """The higher threshold of a three-class Otsu segmentation: negative, flat, positive."""
     from skimage.filters import threshold_multiotsu
@@ -130,6 +139,7 @@ def _seeds(
     curvature: Floats,
     threshold: float,
     parameters: RefinementParameters,
+    net: Net,
     progress: Progress,
 ) -> Ints:
     """A number per vertex (n,) of the surface: 1, 2, … in the caps of a protrusion, else 0."""
@@ -142,6 +152,7 @@ def _seeds(
             pixels=parameters.pixels,
             tolerance=TOLERANCE,
             iterations=ITERATIONS,
+            net=net,
             progress=progress,
         )
     except (NotADiskError, TooSmallError, FlippedFacesError) as error:
@@ -188,9 +199,8 @@ def _peaks(height: Floats, depth: float) -> Ints:
     return peaks
 
 
-def _edge_graph(surface: Surface) -> sparse.csr_array:
-    """Lengths of the edges between the vertices of a surface, (n, n)."""
-    edges = edges_with_faces(surface.faces).vertices
+def _edge_graph(surface: Surface, edges: Ints) -> sparse.csr_array:
+    """Lengths of the edges (e, 2) between the vertices of a surface, (n, n)."""
     lengths = np.linalg.norm(np.diff(surface.vertices[edges], axis=1)[:, 0], axis=1)
     size = len(surface.vertices)
     half = sparse.coo_array((lengths, tuple(edges.T)), (size, size)).tocsr()

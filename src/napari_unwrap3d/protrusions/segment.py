@@ -88,7 +88,9 @@ def segment_cell(
         uv, topography = charts("uv"), charts("topography")
         part = progress.part(0.0, 0.85)
         found = by_topography(mask, surface, uv, topography, parameters, part)
-    if parameters.refinement.compute:
+    kind = found.numbers.get("kind", parameters.protrusions.kind)
+    apply = parameters.refinement.apply
+    if apply == "always" or (apply == "blebs" and kind == "blebs"):
         from .refine import refine_segmentation
 
         part = progress.part(0.85, 0.9)
