@@ -51,7 +51,9 @@ def by_topography(
     areas = vertex_mass(surface.vertices, surface.faces)
     affinity = edge_affinity(surface.vertices, surface.faces, chosen.affinity)
     progress(0.1, "finding what stands out")
-    binary, numbers = progress.run(binary_protrusions, height.vertex_um, areas, affinity, chosen)
+    binary, numbers = progress.run(
+        binary_protrusions, height.vertex_um, surface, areas, affinity, voxel_um, chosen
+    )
     numbers["without_image"] = height.without_image
     labels = np.zeros(len(binary), np.int32)
     if binary.any():
