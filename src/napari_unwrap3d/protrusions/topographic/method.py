@@ -18,6 +18,8 @@ from .instances import find_instances, shell_places, topographic_curvatures
 from .kinds import instances_of_kind
 from .volumes import protrusion_volumes
 
+NOTHING = {"kind": "none", "kind_reason": "nothing stands out", "instances": 0}
+
 
 def by_topography(
     mask: Mask,
@@ -56,6 +58,7 @@ def by_topography(
     )
     numbers["without_image"] = height.without_image
     labels = np.zeros(len(binary), np.int32)
+    numbers |= NOTHING
     if binary.any():
         curvatures = topographic_curvatures(
             uv, topography, voxel_um, chosen, progress.part(0.15, 0.3)
