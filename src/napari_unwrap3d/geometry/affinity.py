@@ -99,8 +99,8 @@ def spread_binary(
     clamping : float
         α in 0…1.
     threshold : float
-        Least chance of the first class that makes a vertex one of it. Below about ¼ it grows
-        by a ring per iteration, which only `never` ends.
+        Least chance of the first class that makes a vertex one of it. Up to about ¼ a
+        straight front moves on in every iteration, and only `never` ends it.
     """
     spread = normalised(affinity)
     given = np.stack([marked & ~never, ~marked | never], axis=1).astype(np.float64)

@@ -100,12 +100,13 @@ class TopographicParameters(StepParameters):
         gt=0,
         lt=1,
     )
-    background: float = setting(
-        0.0,
-        "Background",
-        "What is lower than this part of the threshold stays background: the spreading ends there.",
-        ge=-10,
-        le=1,
+    background_um: float = setting(
+        0.8,
+        "Background from",
+        "What is farther than this, along the surface, from what is above the threshold is "
+        "background and stays so: the spreading, which the chance alone does not end, ends there.",
+        unit="µm",
+        gt=0,
     )
     grid_voxels: float = setting(
         0.5,

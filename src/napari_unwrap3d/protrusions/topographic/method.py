@@ -18,6 +18,8 @@ from .instances import find_instances, shell_places, topographic_curvatures
 from .kinds import instances_of_kind
 from .volumes import protrusion_volumes
 
+NOTHING = {"kind": "none", "kind_reason": "nothing stands out", "instances": 0}
+
 
 def by_topography(
     mask: Mask,
@@ -51,9 +53,12 @@ def by_topography(
     areas = vertex_mass(surface.vertices, surface.faces)
     affinity = edge_affinity(surface.vertices, surface.faces, chosen.affinity)
     progress(0.1, "finding what stands out")
-    binary, numbers = progress.run(binary_protrusions, height.vertex_um, areas, affinity, chosen)
+    binary, numbers = progress.run(
+        binary_protrusions, height.vertex_um, surface, areas, affinity, voxel_um, chosen
+    )
     numbers["without_image"] = height.without_image
     labels = np.zeros(len(binary), np.int32)
+    numbers |= NOTHING
     if binary.any():
         curvatures = topographic_curvatures(
             uv, topography, voxel_um, chosen, progress.part(0.15, 0.3)
