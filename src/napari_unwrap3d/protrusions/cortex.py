@@ -29,7 +29,7 @@ Solid = npt.NDArray[np.bool_]
 SMOOTHING = 1.0
 LEAST_SHARE = 0.05  # of the smoothed mask, beyond which a voxel is as far as one can tell
 LEAST_MASS = 1e-3  # voxel² around a vertex, as slivers of marching cubes have next to none
-TUNNEL = 0.2  # how wide a hole is filled, as a part of the ball's radius
+TUNNEL = 0.3  # how wide a hole is filled, as a part of the ball's radius
 SHELL = 2.0  # thickness of the layer of centres that is enough to draw the opened cell
 
 
@@ -58,7 +58,7 @@ def largest_radius(mask: Solid) -> float:
 def without_tunnels(mask: Solid, radius: float) -> Solid:
     """The solid with narrow holes through its body filled, as a ball cannot pass beside them.
 
-    A hole is filled where it is closed by a ball of a fifth of `radius` and lies within the
+    A hole is filled where it is closed by a ball of three tenths of `radius` and lies within the
     cortex of what results; gaps between protrusions stay open. A solid without handles is
     returned as it is.
     """
@@ -70,7 +70,7 @@ def without_tunnels(mask: Solid, radius: float) -> Solid:
     closed = distance_to(distance_to(padded) > reach) > reach
     inner = tuple(slice(room, -room) for _ in range(3))
     closed = np.ascontiguousarray(closed[inner]) | mask
-    deep = opening(depth(closed, radius), radius).height < -reach
+    deep = opening(depth(closed, radius), radius).height < -1.0
     filled: Solid = mask | (closed & deep)
     return filled
 
