@@ -29,6 +29,8 @@ ROOM = 0.7
 # While the tools of shapes are beside it.
 SHAPE = ((0.36, 0.44), (0.46, 0.38), (0.60, 0.42), (0.56, 0.56), (0.42, 0.58))
 SIGNALS_FROM = 2
+# Of the protrusions of the cell with blebs, one that is in the middle of the images.
+PROTRUSION = 5
 
 
 def beside(pictures: list[Image.Image], columns: int) -> Image.Image:
@@ -284,7 +286,46 @@ def bottom(person: Person) -> None:
     person.save("plane")
 
 
-SCENES = (window, light, steps, cursor, draw, carried, paint, topography, region, shapes, bottom)
+def protrusions(person: Person) -> None:
+    """The table, and one protrusion that is selected in every view."""
+    from napari_unwrap3d.viewer.annotating import annotating_of
+    from napari_unwrap3d.viewer.docking import dock_of
+    from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
+
+    annotating, session = annotating_of(person.viewer), person.wizard.session
+    for name in annotating.names:
+        annotating.set_visible(name, name == "protrusions")
+    dock_of(person.wizard).raise_()
+    person.rest()
+    person.click(person.wizard.panels["protrusions"].run_button)
+    person.wait(lambda: not session.running and session.atlas.has("protrusions"), "them", RUN_S)
+    person.wizard.hint.linkActivated.emit("Protrusions table")
+    person.settle()
+    (table,) = person.window.findChildren(ProtrusionTable)
+    person.wait(lambda: not table.instances.busy, "the table")
+    _show_alone(person, "surface")
+    table.instances.select([PROTRUSION])
+    person.click(table.edit_bar.buttons["show"])
+    person.wait(lambda: not table.square.busy, "the square image")
+    person.click(person.shown.fit_button)
+    person.leave()
+    person.save("protrusions")
+
+
+SCENES = (
+    window,
+    light,
+    steps,
+    cursor,
+    draw,
+    carried,
+    paint,
+    topography,
+    region,
+    shapes,
+    bottom,
+    protrusions,
+)
 
 
 @contextmanager

@@ -120,6 +120,10 @@ class NotGenusZeroError(MeshError):
     """The mesh has handles, so it is no topological sphere."""
 
 
+class NotADiskError(MeshError):
+    """The mesh has handles, or not exactly one border, so it is no topological disk."""
+
+
 # Maps ------------------------------------------------------------------------
 
 

@@ -16,11 +16,12 @@ import numpy.typing as npt
 
 from .atlas import Atlas
 from .carrying import sample_volume
-from .charts import Floats, Stack, Volume
+from .charts import Floats, Protrusions, Stack, Volume
 from .errors import ChartMissingError, ParameterError
 from .geometry.locate import interpolate
 from .imaging.roi import chosen_volume
 from .progress import Progress, silent
+from .protrusions.columns import COLUMNS
 from .sampling import sample_signal
 from .shell import Shell, ShellVolume
 from .unwrapping.surface import same_mesh
@@ -34,6 +35,9 @@ REFERENCE_CURVATURE = "reference_curvature_per_um"
 AREA_DISTORTION = "area_distortion"
 CONFORMAL_ERROR = "conformal_error"
 SIGNAL = "signal_"
+PROTRUSION = "protrusion_"
+# Columns of the table of protrusions that say which they are and where, not what they are like.
+WHICH = ("label", "motif", "z_um", "y_um", "x_um", "v_px", "u_px", "axis_z", "axis_y", "axis_x")
 
 # The chart from which each chart's values come: every field is carried along this tree.
 CARRIED_FROM = {
@@ -121,7 +125,7 @@ def colours_of(name: str, values: npt.ArrayLike) -> Colours:
         return Colours(DIVERGING, (-limit, limit))
     if name == CONFORMAL_ERROR:
         return Colours("magma", (1.0, float(max(high, 1.05))))
-    colormap = "viridis" if name.endswith(HEIGHT) else "magma"
+    colormap = "viridis" if name.endswith(HEIGHT) or name.startswith(PROTRUSION) else "magma"
     if not high > low:
         high = low + 1.0
     return Colours(colormap, (float(low), float(high)))
@@ -144,7 +148,21 @@ class Fields:
         self.stack = stack
         self._values: dict[tuple[str, str], Values] = {}
         self._shell: Shell | None = None
+        self._found: Protrusions | None = None
         self._fields = {field.name: field for field in _catalogue(atlas, stack)}
+        self.renew()
+
+    def renew(self) -> bool:
+        """Look at the atlas' protrusions, found or edited since; True where they are others."""
+        found = self.atlas.on_request.get("protrusions")
+        if found is self._found:
+            return False
+        self._found = found
+        self._fields = {n: f for n, f in self._fields.items() if not n.startswith(PROTRUSION)}
+        self._fields |= {field.name: field for field in _of_protrusions(found)}
+        for key in [key for key in self._values if key[0].startswith(PROTRUSION)]:
+            del self._values[key]
+        return True
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -276,7 +294,8 @@ class Fields:
                 return
         self._shell = self._shell or other._shell
         for (name, chart), values in other._values.items():
-            if name in self._fields and chart not in ("direct", "plane"):
+            same = not name.startswith(PROTRUSION) or self._found is other._found
+            if name in self._fields and chart not in ("direct", "plane") and same:
                 self._values.setdefault((name, chart), values)
 
     def at(self, name: str, corners: npt.NDArray[np.integer], weights: Floats) -> float | None:
@@ -301,6 +320,8 @@ class Fields:
                 self.stack, atlas, field.channel, progress=progress
             )
             return signal
+        if field.name.startswith(PROTRUSION):
+            return atlas.protrusions.per_vertex(field.name.removeprefix(PROTRUSION))
         if field.name == GAUSSIAN:
             area = atlas.elements("surface")
             deficit = np.asarray(atlas.surface.fields["gaussian_curvature"])
@@ -338,6 +359,17 @@ def _catalogue(atlas: Atlas, stack: Stack | None) -> list[Field]:
     order = [*(n for n in KNOWN if n in homes), *(n for n in homes if n not in KNOWN)]
     fields = [Field(n, *KNOWN.get(n, (n.replace("_", " "), "")), homes[n]) for n in order]
     return fields[:2] + _signals(atlas, stack) + fields[2:]
+
+
+def _of_protrusions(found: Protrusions | None) -> list[Field]:
+    """A field per measure of the protrusions."""
+    if found is None:
+        return []
+    return [
+        Field(f"{PROTRUSION}{name}", f"Protrusions: {column.title}", column.unit, "surface")
+        for name, column in COLUMNS.items()
+        if name in found.columns and name not in WHICH
+    ]
 
 
 def _is_scalar(values: npt.ArrayLike) -> bool:
@@ -430,6 +462,7 @@ def fields_of(atlas: Atlas, stack: Stack | None = None) -> Fields:
     kept = _KEPT.get(atlas)
     if kept is None or (stack is not None and kept.stack is not stack):
         kept = _KEPT[atlas] = Fields(atlas, stack)
+    kept.renew()
     return kept
 
 

@@ -87,5 +87,7 @@ class Requested:
 ON_REQUEST = {
     "direct": Requested(direct_chart_of, ("direct",)),
     "plane": Requested(plane_of, ("plane",)),
-    "protrusions": Requested(protrusions_of, ("protrusions", "topographic"), ("topography",)),
+    "protrusions": Requested(
+        protrusions_of, ("protrusions", "topographic", "refinement"), ("topography",)
+    ),
 }

@@ -245,6 +245,20 @@ class _Covering:
     colours: npt.NDArray[np.float32]
     visible: bool
 
+    def shown(self, size: int) -> npt.NDArray[np.float32]:
+        """The colours of so many labels; those without one have the last."""
+        labels = np.minimum(np.arange(size), len(self.colours) - 1)
+        return self.colours[labels] * np.float32(self.visible)
+
+
+def _table(colours: Mapping[int, npt.ArrayLike]) -> npt.NDArray[np.float32]:
+    """(k, 4) by the label; 0 is transparent."""
+    table = np.zeros((max([0, *colours]) + 1, 4), np.float32)
+    for label, colour in colours.items():
+        table[label] = colour
+    table[0] = 0.0
+    return table
+
 
 class PaintedTexture:
     """The pixels of a skin: a field's colours, and the annotations over it.
@@ -312,16 +326,18 @@ class PaintedTexture:
             Red, green, blue and opacity 0…1 of every label there is.
         visible : bool
         """
-        table = np.zeros((max([0, *colours]) + 1, 4), np.float32)
-        for label, colour in colours.items():
-            table[label] = colour
-        table[0] = 0.0
-        self._coverings[name] = _Covering(np.array(labels).ravel(), table, visible)
+        self._coverings[name] = _Covering(np.array(labels).ravel(), _table(colours), visible)
         self._all()
 
     def recolour(self, name: str, colours: Mapping[int, npt.ArrayLike], visible: bool) -> None:
-        """Show an annotation in other colours, or hide it."""
-        self.cover(name, self._coverings[name].labels, colours, visible)
+        """Show an annotation in other colours, or hide it: only what differs is drawn."""
+        before = self._coverings[name]
+        now = _Covering(before.labels, _table(colours), visible)
+        self._coverings[name] = now
+        size = max(len(before.colours), len(now.colours))
+        differs = (before.shown(size) != now.shown(size)).any(axis=1)
+        if differs.any():
+            self._show_pixels(np.flatnonzero(differs[np.minimum(now.labels, size - 1)]))
 
     def uncover(self, name: str) -> None:
         """Take an annotation away."""
@@ -342,7 +358,12 @@ class PaintedTexture:
             return
         covering = self._coverings[name]
         covering.labels[pixels] = values
-        if not covering.visible:
+        if covering.visible:
+            self._show_pixels(pixels)
+
+    def _show_pixels(self, pixels: Ints) -> None:
+        """Draw some pixels anew, and remember where they are."""
+        if len(pixels) == 0:
             return
         row, column = np.divmod(pixels, self._columns)
         self._show(pixels, row, column)

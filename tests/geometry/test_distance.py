@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis.extra.numpy import array_shapes, arrays
 from scipy import ndimage
 
-from napari_unwrap3d.geometry.distance import distance_to, signed_distance
+from napari_unwrap3d.geometry.distance import FAR, distance_to, power_distance, signed_distance
 from shapes import ball, grid
 
 masks = arrays(bool, array_shapes(min_dims=3, max_dims=3, max_side=9))
@@ -59,3 +59,16 @@ def test_a_full_mask_is_far_from_any_border() -> None:
     full = np.ones((3, 4, 5), bool)
     assert (distance_to(full) == 0).all()
     assert (signed_distance(full) < -1e5).all()
+
+
+@given(mask=masks)
+def test_a_power_distance_is_the_smallest_over_all_voxels(mask: np.ndarray) -> None:
+    radius = np.random.default_rng(0).uniform(0, 4, mask.shape)
+    weight = np.where(mask, -(radius**2), FAR).astype(np.float32)
+    found = power_distance(weight)
+    if not mask.any():
+        assert (found >= FAR).all()
+        return
+    place, centre = np.indices(mask.shape).reshape(3, -1).T, np.argwhere(mask)
+    squared = ((place[:, None] - centre) ** 2).sum(axis=2) - radius[mask] ** 2
+    np.testing.assert_allclose(found.ravel(), squared.min(axis=1), rtol=1e-5, atol=1e-4)

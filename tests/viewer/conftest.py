@@ -98,7 +98,7 @@ class FakePipeline:
     def _wanted(parameters: Parameters, until: str = "") -> dict[str, str]:
         """Keys of the steps up to one; by default of all, those on request included."""
         wanted, key = {}, ""
-        groups = parameters.model_dump(exclude={"direct": {"compute"}, "plane": {"compute"}})
+        groups = parameters.model_dump(exclude={name: {"compute"} for name in ON_REQUEST_NAMES})
         for step in STEP_NAMES:
             key += str(groups.get(step, ""))
             wanted[step] = key

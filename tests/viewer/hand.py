@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import mouse
@@ -134,18 +135,7 @@ class Hand:
     def drag(self, native: Any, places: Iterable[tuple[float, float]], keys: Any = NONE) -> None:
         """Press, move and release at shares (x, y) of a canvas."""
         model = self.viewer if native is self.main else self.canvas.model
-
-        def follow(move: Callable[[], None]) -> None:
-            before = tuple(model.cursor.position)
-
-            def moved() -> bool:
-                if tuple(model.cursor.position) == before:
-                    move()
-                return tuple(model.cursor.position) != before
-
-            self.qtbot.waitUntil(moved)
-
-        mouse.drag(native, places, follow, keys)
+        mouse.drag(native, places, partial(follow, model, self.qtbot), keys)
         self.settle()
 
     def settle(self) -> None:
@@ -156,6 +146,18 @@ class Hand:
         self.qtbot.waitUntil(lambda: painter._lassoing is None, timeout=SECONDS)
         timer = self.annotating.texturing._timer
         self.qtbot.waitUntil(lambda: not timer.isActive())
+
+
+def follow(model: Any, qtbot: Any, move: Callable[[], None]) -> None:
+    """Move until a viewer has noticed."""
+    before = tuple(model.cursor.position)
+
+    def moved() -> bool:
+        if tuple(model.cursor.position) == before:
+            move()
+        return tuple(model.cursor.position) != before
+
+    qtbot.waitUntil(moved)
 
 
 def covered(hand: Hand, name: str, label: int = 1) -> Any:

@@ -45,7 +45,7 @@ def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any)
 def test_the_wizard_leads_to_the_annotations(plugin: Any) -> None:
     viewer = plugin()
     _, wizard = viewer.window.add_plugin_dock_widget(PLUGIN, "Unwrap")
-    wizard.hint.linkActivated.emit("draw")
+    wizard.hint.linkActivated.emit("Annotations")
     (drawing,) = viewer.window._qt_window.findChildren(AnnotationWidget)
     assert not drawing.isHidden()
 

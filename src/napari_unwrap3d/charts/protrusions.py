@@ -79,6 +79,16 @@ class Protrusions:
         """How many protrusions there are."""
         return len(self.columns[LABEL])
 
+    def per_vertex(self, column: str) -> Floats:
+        """A column of the table at every vertex of the surface, (n,); NaN where no label is."""
+        labels = np.asarray(self.columns[LABEL], np.int64)
+        largest = max(int(self.labels.max(initial=0)), int(labels.max(initial=0)))
+        values = np.full(largest + 1, np.nan)
+        values[labels] = self.columns[column]
+        values[0] = np.nan
+        at_vertices: Floats = values[self.labels]
+        return at_vertices
+
     @property
     def table(self) -> pd.DataFrame:
         """A row per protrusion; the names of the columns carry the units, motifs are words."""

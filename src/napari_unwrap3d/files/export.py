@@ -112,6 +112,47 @@ def export_atlas(
     return [Path(folder) / path for path in written]
 
 
+def export_protrusions(
+    atlas: Atlas,
+    folder: str | Path,
+    *,
+    formats: Formats | None = None,
+    overwrite: bool = False,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write the protrusions alone: their table, label images and closed meshes.
+
+    Parameters
+    ----------
+    atlas : Atlas
+        With its protrusions.
+    folder : path
+        New, empty, or with `overwrite` the folder of an earlier export.
+    formats : Formats, optional
+        By default PLY, OME-TIFF and CSV.
+    overwrite : bool
+    progress : Progress, optional
+
+    Returns
+    -------
+    list of Path
+        The files, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        The folder is not empty and `overwrite` is False.
+    """
+    report = progress if progress is not None else silent()
+    chosen = formats if formats is not None else Formats()
+    check_folder(folder, overwrite)
+    with replacing_folder(folder, ("meshes", *protrusion_export.entries())) as partial:
+        (partial / "meshes").mkdir()
+        protrusion_export.write_protrusions(atlas, partial, chosen, report)
+        written = files_below(partial)
+    return [Path(folder) / path for path in written]
+
+
 def files_below(folder: Path) -> list[Path]:
     """The files in a folder and below it, in the order of their names, relative to it."""
     return sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file())

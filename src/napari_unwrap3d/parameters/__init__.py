@@ -17,6 +17,7 @@ from ..errors import ParameterError
 from .base import StepParameters, setting
 from .imaging import SealedParameters, StackParameters, SurfaceParameters
 from .protrusions import ProtrusionParameters
+from .refinement import RefinementParameters
 from .topographic import TopographicParameters
 from .unwrapping import (
     DirectParameters,
@@ -35,6 +36,7 @@ __all__ = [
     "PlaneParameters",
     "ProtrusionParameters",
     "ReferenceParameters",
+    "RefinementParameters",
     "SealedParameters",
     "SphereParameters",
     "StackParameters",
@@ -69,6 +71,9 @@ class Parameters(StepParameters):
     )
     topographic: TopographicParameters = Field(
         default_factory=TopographicParameters, title="Protrusions by topography"
+    )
+    refinement: RefinementParameters = Field(
+        default_factory=RefinementParameters, title="Refinement of protrusions"
     )
 
     @classmethod

@@ -27,7 +27,7 @@ class ProtrusionParameters(StepParameters):
         0.45,
         "Cortex radius",
         "Radius of the ball that opens the cell, as a part of the largest ball that fits in; "
-        "smaller where protrusions are as thick as the body.",
+        "larger where protrusions are nearly as thick as the body, smaller where it is lumpy.",
         gt=0,
         lt=1,
     )

@@ -96,7 +96,7 @@ def find_instances(graph: VoxelGraph, height: Floats, rules: Rules) -> Labels:
 def footprints(graph: VoxelGraph, height: Floats, threshold: float) -> Labels:
     """Connected layers just above the cortex that touch it, a label each."""
     layer = components(graph, height < threshold + FOOTPRINT_LAYER)
-    size = np.bincount(layer)
+    size = np.bincount(layer, minlength=1)
     touching = np.bincount(layer[height < threshold + FOOTPRINT_START], minlength=len(size))
     is_root = (size >= FOOTPRINT_VOXELS) & (touching > 0)
     is_root[0] = False

@@ -19,6 +19,10 @@ KINDS = ("blebs", "lamellipodia", "filopodia")
 # that touch with their tips are still two, as each has a root.
 JOIN = {"blebs": 0.12, "lamellipodia": 0.25, "filopodia": 0.0}
 SPLIT = {"blebs": 0.6, "lamellipodia": 0.4, "filopodia": 0.5}
+# How far the foot reaches around what stands over the threshold, as a part of the radius of the
+# ball: the necks of blebs are filled by any blur, where the cell is imaged wider than it is.
+FOOT = {"blebs": 0.1, "lamellipodia": 0.2, "filopodia": 0.2}
+LEAST_FOOT = 2.5  # voxels
 LEAST_RISE = 2.0  # voxels
 # Of the three extents of a protrusion (square roots of its voxels' second moments).
 FLAT = 2.0  # the middle one over the smallest

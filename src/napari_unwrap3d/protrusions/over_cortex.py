@@ -22,7 +22,7 @@ from ..parameters import ProtrusionParameters
 from ..progress import Progress
 from .cortex import Field, Solid, continued, depth, largest_radius, opening, without_tunnels
 from .instances import automatic_threshold, find_instances, roughness
-from .kinds import KINDS, chosen_kind, rules_of
+from .kinds import FOOT, KINDS, LEAST_FOOT, chosen_kind, rules_of
 from .segment import Segmentation
 from .volumes import down_to_cortex
 
@@ -31,9 +31,6 @@ Labels = npt.NDArray[np.int32]
 MARGIN = 3
 # Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
 REACH = 0.25
-# And how far around what stands over the threshold that foot is a part of the protrusion.
-FOOT = 0.11
-LEAST_FOOT = 2.8  # voxels
 # In voxels; one less wide or high cannot be told from the roughness of the mask.
 LEAST_AREA = 60.0
 LEAST_HEIGHT = 2.5
@@ -86,7 +83,7 @@ def over_cortex(
     progress(0.7, "carrying them down to the cortex")
     reach = REACH * radius
     height = progress.run(continued, cell.mask, opened, labels > 0, threshold, reach)
-    foot = max(FOOT * radius, LEAST_FOOT)
+    foot = max(FOOT[kind] * radius, LEAST_FOOT)
     labels = progress.run(down_to_cortex, cell.mask, labels, height, threshold, foot)
     labels = _renumbered(labels, _by_volume(labels))
     progress(0.9, "carrying them to the surface")
@@ -127,7 +124,8 @@ class _Cell:
         solid = np.asarray(mask.data)
         box = box_around(solid, MARGIN)
         corner = np.array([side.start for side in box])
-        points = mask.to_index(surface.vertices) - corner
+        # Rounded, so that of two voxels as near it is always the same one.
+        points = np.round(mask.to_index(surface.vertices) - corner, 6)
         voxel_um = float(np.mean(mask.voxel_size))
         area = vertex_mass(surface.vertices, surface.faces)
         inside = np.ascontiguousarray(solid[box])

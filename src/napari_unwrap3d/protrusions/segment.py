@@ -80,14 +80,21 @@ def segment_cell(
     if method == "cortex":
         from .over_cortex import over_cortex
 
-        part = progress.part(0.0, 0.9)
+        part = progress.part(0.0, 0.85)
         found = over_cortex(mask, surface, parameters.protrusions, part)
     else:
         from .topographic.method import by_topography
 
         uv, topography = charts("uv"), charts("topography")
-        part = progress.part(0.0, 0.9)
+        part = progress.part(0.0, 0.85)
         found = by_topography(mask, surface, uv, topography, parameters, part)
+    kind = found.numbers.get("kind", parameters.protrusions.kind)
+    apply = parameters.refinement.apply
+    if apply == "always" or (apply == "blebs" and kind == "blebs"):
+        from .refine import refine_segmentation
+
+        part = progress.part(0.85, 0.9)
+        found = refine_segmentation(found, mask, surface, parameters.refinement, part)
     progress(0.9, "measuring the protrusions")
     topography = charts("topography")
     rows = topography.shape[1]

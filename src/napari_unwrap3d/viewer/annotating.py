@@ -6,7 +6,7 @@ One per viewer, so that closing and opening the dock loses nothing.
 from __future__ import annotations
 
 import weakref
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from .session import Session
 
 Colour = tuple[float, float, float, float]
+Colours = Mapping[int, Colour]
 
 # Distinct on light and dark fields, and for most people who do not see all colours
 # (after Okabe and Ito 2008, without black).
@@ -91,6 +92,7 @@ class Annotating(QObject):
         self._current, self._label, self._tool = "", 1, LOOK
         self._radius_um = 1.0
         self._offset: dict[str, int] = {}
+        self._stylists: dict[str, Callable[[], Colours]] = {}
         self._hidden: set[str] = set()
         self._renaming: tuple[str, str] | None = None
         self._session: Session | None = None
@@ -288,6 +290,17 @@ class Annotating(QObject):
         self.chosen.emit()
 
     @property
+    def slices(self) -> bool:
+        """Whether slices of the stack are shown in the main canvas, to be drawn on."""
+        return self.layers.slices
+
+    @slices.setter
+    def slices(self, wanted: bool) -> None:
+        if wanted != self.layers.slices:
+            self.layers.slices = wanted
+            self.chosen.emit()
+
+    @property
     def points_wanted(self) -> bool:
         """Whether a click sets a point."""
         return self._tool == POINT
@@ -312,10 +325,22 @@ class Annotating(QObject):
 
     # Colours and visibility --------------------------------------------------------------
 
-    def style(self, name: str) -> tuple[Mapping[int, Colour], bool]:
+    def style_by(self, name: str, stylist: Callable[[], Colours] | None) -> None:
+        """Let a function say the colours of an annotation; :meth:`restyle` asks it again."""
+        if stylist is None:
+            self._stylists.pop(name, None)
+        else:
+            self._stylists[name] = stylist
+
+    def style(self, name: str) -> tuple[Colours, bool]:
         """The colours of an annotation's labels, and whether it is visible."""
         first = self._offset.setdefault(name, len(self._offset))
         own = self.annotations.colours(name)
+        if name in self._stylists:
+            given = dict(self._stylists[name]())
+            # A colour that a person chose, as strong as the others are.
+            given |= {n: (*c[:3], given[n][3]) for n, c in own.items() if n in given}
+            return given, name not in self._hidden
         colours = {
             label: own.get(label, PALETTE[(STEP * first + label - 1) % len(PALETTE)])
             for label in range(1, LABELS)
@@ -330,7 +355,7 @@ class Annotating(QObject):
     def set_visible(self, name: str, visible: bool) -> None:
         """Show or hide an annotation, in every view."""
         (self._hidden.discard if visible else self._hidden.add)(name)
-        self._restyle()
+        self.restyle()
 
     def state(self) -> dict[str, Any]:
         """Which annotations are hidden, and where their colours begin, as plain data."""
@@ -345,9 +370,10 @@ class Annotating(QObject):
         first = {str(name): int(number) for name, number in state["first_colours"].items()}
         self._hidden = {str(name) for name in state["hidden"]} & there
         self._offset |= {name: number for name, number in first.items() if name in there}
-        self._restyle()
+        self.restyle()
 
-    def _restyle(self) -> None:
+    def restyle(self) -> None:
+        """Show the colours as they are now, in every view."""
         if self._texturing is not None:
             self._texturing.update()
         self.layers.restyle()

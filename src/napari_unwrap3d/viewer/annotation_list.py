@@ -100,7 +100,7 @@ class AnnotationList(QWidget):
             colours, visible = self._annotating.style(name)
             ticked = Qt.CheckState.Checked if visible else Qt.CheckState.Unchecked
             item.setCheckState(ticked)
-            item.setIcon(_swatch(colours[self._annotating.label if name == current else 1]))
+            item.setIcon(swatch(colours[self._annotating.label if name == current else 1]))
         if current in names:
             self.list.setCurrentRow(names.index(current))
         self._filling = False
@@ -163,7 +163,8 @@ class AnnotationList(QWidget):
             self._annotating.set_colour(name, label, (rgba[0], rgba[1], rgba[2], 1.0))
 
 
-def _swatch(colour: Any) -> QIcon:
+def swatch(colour: Any) -> QIcon:
+    """A small square of a colour."""
     pixels = QPixmap(SWATCH, SWATCH)
     pixels.fill(QColor.fromRgbF(*(float(part) for part in colour)))
     icon = QIcon(pixels)

@@ -231,7 +231,7 @@ class AnnotationWidget(Docked):
         self.annotating.layers.all_depths = wanted
 
     def _on_slices(self, wanted: bool) -> None:
-        self.annotating.layers.slices = wanted
+        self.annotating.slices = wanted
 
     # What is shown -------------------------------------------------------------------
 
@@ -240,8 +240,11 @@ class AnnotationWidget(Docked):
         annotating = self.annotating
         there, drawn = annotating.atlas is not None, bool(annotating.current)
         self.tools[annotating.tool].setChecked(True)
+        if drawn:
+            self.label_box.setMaximum(max(annotating.style(annotating.current)[0]))
         self.label_box.setValue(annotating.label)
         self.radius_box.setValue(annotating.radius_um)
+        self.slices.setChecked(annotating.slices)
         if there:
             row = self.overhang_box.findData(annotating.annotations.overhang)
             self.overhang_box.setCurrentIndex(row)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,7 +83,7 @@ class Autosave(QObject):
         self._in_file: tuple[Path, Atlas] | None = None
         self._kept: Path | None = None
         self._lock: QLockFile | None = None
-        self._dirty = self._closed = False
+        self._dirty = self._closed = self._ignoring = False
         self._task: Task | None = None
         self._timer = soon(self, self.save, REST_MS)
         session.finished.connect(self._on_atlas)
@@ -137,7 +138,18 @@ class Autosave(QObject):
                 signal.disconnect(self._on_edit)
             self._listening = None
 
+    @contextmanager
+    def ignoring(self) -> Iterator[None]:
+        """What changes inside is no work of a person, which a file has to keep."""
+        before, self._ignoring = self._ignoring, True
+        try:
+            yield
+        finally:
+            self._ignoring = before
+
     def _on_edit(self, _: Any = None) -> None:
+        if self._ignoring:
+            return
         self._dirty = True
         self._timer.start()
 

@@ -22,7 +22,7 @@ from qtpy.QtWidgets import (
 from ..charts import Stack
 from ..errors import ChartMissingError
 from ..fields import CHARTS, CURVATURE, Colours, Fields, fields_of
-from .layers import KEY, image_layer
+from .layers import KEY, MISSING, image_layer
 from .notice import small_button
 from .threads import Task, tell
 from .turns import Turns
@@ -135,6 +135,14 @@ class Colouring(QObject):
             return None
         return self.fields.values(self.field, chart)
 
+    def renew(self) -> None:
+        """The atlas has other protrusions now."""
+        if self.fields is not None and self.fields.renew():
+            if self.field not in self.fields.names:
+                self._wanted = CURVATURE
+            self.listed.emit()
+            self.refresh()
+
     def refresh(self) -> None:
         """Colour what is new: charts computed on request, layers put in again."""
         if self.fields is not None:
@@ -228,7 +236,7 @@ class Colouring(QObject):
             return False
         if "vertices" in known:
             values = values[known["vertices"]]
-        shown = np.nan_to_num(values)
+        shown, known[MISSING] = np.nan_to_num(values), np.isnan(values)
         if len(shown) != len(layer.data[0]) or np.array_equal(shown, layer.vertex_values):
             return False
         layer.vertex_values = shown

@@ -7,6 +7,7 @@ main one, where it is made when a person wants to draw there.
 from __future__ import annotations
 
 import weakref
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,7 +25,7 @@ from .turns import soon
 if TYPE_CHECKING:
     from napari.components import ViewerModel
 
-    from .annotating import Annotating
+    from .annotating import Annotating, Colour
 
 MODES = {
     LOOK: "pan_zoom",
@@ -56,6 +57,7 @@ class DrawingLayers(QObject):
         self._annotations: Annotations | None = None
         self._watching: Watching | None = None
         self._layers: dict[tuple[str, str], DrawnLabels] = {}
+        self._colours: dict[tuple[str, str], Mapping[int, Colour]] = {}
         self._building: dict[str, Task] = {}
         self._slices = self._all_depths = self._syncing = False
         self._timer = soon(self, self._make_next)
@@ -133,13 +135,14 @@ class DrawingLayers(QObject):
     def restyle(self) -> None:
         """Show other colours, or hide what is hidden."""
         for (name, chart), layer in self._layers.items():
-            colours, visible = self._annotating.style(name)
-            layer.colormap = label_colormap(colours)
             # Those of the canvas's other charts stay hidden until they are looked at.
-            if chart == VOLUME:
-                layer.visible = visible and self._slices
-            elif chart == self.chart:
-                layer.visible = visible
+            if chart not in (self.chart, VOLUME):
+                continue
+            colours, visible = self._annotating.style(name)
+            if colours != self._colours.get((name, chart)):
+                self._colours[name, chart] = colours
+                layer.colormap = label_colormap(colours)
+            layer.visible = visible and (chart != VOLUME or self._slices)
 
     # Making layers -----------------------------------------------------------------------
 
@@ -207,7 +210,7 @@ class DrawingLayers(QObject):
         )
         layer.all_depths = self._all_depths
         self._watching.begin(chart)
-        self._layers[name, chart] = layer
+        self._layers[name, chart], self._colours[name, chart] = layer, colours
         layer.events.selected_label.connect(self._on_label)
         layer.events.paint.connect(self._on_stroke)
         if chart == VOLUME:
@@ -228,6 +231,7 @@ class DrawingLayers(QObject):
 
     def _remove(self, key: tuple[str, str]) -> None:
         layer = self._layers.pop(key)
+        self._colours.pop(key, None)
         layer.events.selected_label.disconnect(self._on_label)
         layer.events.paint.disconnect(self._on_stroke)
         layer.close()
@@ -247,6 +251,7 @@ class DrawingLayers(QObject):
             layer = self._layers.pop((name, chart))
             layer.annotation, layer.name = new, drawing_name(new, chart)
             self._layers[new, chart] = layer
+            self._colours.pop((name, chart), None)
 
     # What happens -----------------------------------------------------------------------
 

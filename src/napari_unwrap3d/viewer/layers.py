@@ -73,6 +73,8 @@ UNWRAPPED = ("uv", "direct", "plane", "topography")
 
 # In a layer's metadata, of a mesh that was cut for a texture: whose copy each vertex is.
 COPIES = "copies_of"
+# In a mesh's metadata: the vertices where its field has no value, which a mesh cannot say.
+MISSING = "without_value"
 
 # Nothing outside of the cell.
 MASK_COLOURS = np.array([[0.0, 0.0, 0.0, 0.0], [0.45, 0.75, 0.95, 1.0]])

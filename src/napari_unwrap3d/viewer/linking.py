@@ -89,16 +89,20 @@ class LinkedCursor(QObject):
     # The pointer ----------------------------------------------------------------
 
     def _on_move_unwrapped(self, _: Any, event: Any) -> None:
-        if self._places is None or not self.ready or not self._canvas.image(self._canvas.chart):
-            return
-        count = 3 if self._canvas.chart == "topography" else 2
-        point = np.asarray(event.position, dtype=float)[-count:]
-        self.show(self._places.at_pixel(self._canvas.chart, point))
+        if self.ready and self._canvas.image(self._canvas.chart):
+            self.show(self.unwrapped_place(event))
 
     def _on_move_3d(self, viewer: Any, event: Any) -> None:
-        if not self.ready or viewer.dims.ndisplay != 3:
-            return
-        self.show(self._pick(viewer, event))
+        if self.ready and viewer.dims.ndisplay == 3:
+            self.show(self.place_in_3d(viewer, event))
+
+    def unwrapped_place(self, event: Any) -> Place | None:
+        """The place that the second canvas shows under the pointer."""
+        if self._places is None or not self.ready or not self._canvas.image(self._canvas.chart):
+            return None
+        count = 3 if self._canvas.chart == "topography" else 2
+        point = np.asarray(event.position, dtype=float)[-count:]
+        return self._places.at_pixel(self._canvas.chart, point)
 
     def _on_over(self, event: Any) -> None:
         if not event.value:
@@ -151,9 +155,10 @@ class LinkedCursor(QObject):
 
     # Picking --------------------------------------------------------------------
 
-    def _pick(self, viewer: Any, event: Any) -> Place | None:
-        """The place of the visible mesh that is seen first."""
-        assert self._places is not None
+    def place_in_3d(self, viewer: Any, event: Any) -> Place | None:
+        """The place of the visible mesh that is seen first under the pointer."""
+        if self._places is None or not self.ready:
+            return None
         position = np.asarray(event.position, dtype=float)[-3:]
         direction = np.asarray(event.view_direction, dtype=float)[-3:]
         nearest: tuple[float, _Mesh, npt.NDArray[Any], npt.NDArray[Any]] | None = None

@@ -16,7 +16,7 @@ from qtpy.QtCore import QEvent, QObject, Signal
 from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
-from ..pipeline import ON_REQUEST, STEP_NAMES, Source
+from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline, Source
 from .binding import warn_of_binding
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
@@ -34,6 +34,7 @@ from .step_states import (
     StepState,
     first_open_step,
     pipeline_states,
+    step_of,
 )
 from .threads import Task, quiet_collector, tell
 from .turns import Turns, soon
@@ -254,6 +255,15 @@ class Session(QObject):
         return None if self._known is None else self._known.pipeline.source
 
     @property
+    def pipeline(self) -> Pipeline | None:
+        """What computed the charts, and keeps them."""
+        return None if self._known is None else self._known.pipeline
+
+    def edited(self) -> None:
+        """A person changed what a step found, and its numbers with it."""
+        self._update_states()
+
+    @property
     def running(self) -> bool:
         return self._computation is not None
 
@@ -459,8 +469,8 @@ class Session(QObject):
         """Which results hold for the current parameters, and what keeps a step from running."""
         pipeline = None if self._known is None else self._known.pipeline
         self.steps = pipeline_states(pipeline, self._parameters, self.blocked())
-        for step, problem in self._problems.items():
-            self.steps[step] = StepState(NOT_READY, reason=problem)
+        for group, problem in self._problems.items():
+            self.steps[step_of(group)] = StepState(NOT_READY, reason=problem)
         if self._failed is not None and self._failed[0] in self.steps:
             step, reason = self._failed
             self.steps[step] = StepState(FAILED, reason=reason)

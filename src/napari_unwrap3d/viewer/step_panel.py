@@ -34,9 +34,9 @@ from .progress_bar import ProgressBar
 from .session import Session, session_of
 from .source_chooser import SourceChooser
 from .sources import senseless_parameters
-from .step_plots import DistortionPlot, FlowPlot, Plot
-from .step_states import DONE, RUNNING, STEPS, TITLES, StepState
-from .step_texts import DESCRIPTIONS, IMPLIED, MAIN, all_numbers, mark_of, status_of
+from .step_plots import DistortionPlot, FlowPlot, HeightPlot, Plot
+from .step_states import DONE, RUNNING, STEPS, TITLES, StepState, groups_of
+from .step_texts import DESCRIPTIONS, IMPLIED, MAIN, all_numbers, mark_of, senseless, status_of
 from .threads import tell
 
 if TYPE_CHECKING:
@@ -102,7 +102,8 @@ class StepPanel(QFrame):
         self.status.setWordWrap(True)
         self.description = QLabel(DESCRIPTIONS[self.step])
         self.description.setWordWrap(True)
-        self.form = ParametersForm(Parameters(), MAIN, steps=(self.step,), without=IMPLIED)
+        self.groups = groups_of(self.step)
+        self.form = ParametersForm(Parameters(), MAIN, steps=self.groups, without=IMPLIED)
         self.more = QCheckBox("More")
         self.more.setToolTip("Show every parameter of this step.")
         self.reset_button = QPushButton("Reset")
@@ -114,6 +115,10 @@ class StepPanel(QFrame):
             plot = FlowPlot(self.session)
             plot.stop_moved.connect(self._on_stop_moved)
             return plot
+        if self.step == "protrusions":
+            heights = HeightPlot(self.session)
+            heights.threshold_moved.connect(self._on_threshold_moved)
+            return heights
         return DistortionPlot(self.session) if self.step in ("sphere", "uv") else None
 
     def _arrange(self) -> None:
@@ -158,6 +163,7 @@ class StepPanel(QFrame):
         self.session.running_changed.connect(self._on_running)
         self.session.progressed.connect(self._on_progress)
         self.session.charts_changed.connect(self._on_charts)
+        self.session.finished.connect(self._on_charts)
 
     # What the user does ------------------------------------------------------
 
@@ -180,25 +186,29 @@ class StepPanel(QFrame):
 
     def reset(self) -> None:
         """Back to the values of the preset."""
-        values = getattr(self.initial, self.step).model_dump()
-        now = getattr(self.session.parameters, self.step).model_dump()
-        kept = {path.split(".")[1] for path in (*IMPLIED, "stack.label")}
+        for group in self.groups:
+            self._reset(group)
+
+    def _reset(self, group: str) -> None:
+        values = getattr(self.initial, group).model_dump()
+        now = getattr(self.session.parameters, group).model_dump()
+        kept = {path.removeprefix(f"{group}.") for path in (*IMPLIED, "stack.label")}
         values |= {name: now[name] for name in kept if name in values}
         self.form.show_values(
             self.session.parameters.model_copy(
-                update={self.step: type(getattr(self.initial, self.step))(**values)}
+                update={group: type(getattr(self.initial, group))(**values)}
             )
         )
-        self.session.set_values(self.step, values)
+        self.session.set_values(group, values)
 
     def _on_more(self, more: bool) -> None:
         self.form.show_all(more)
 
     def _on_form(self) -> None:
-        values = self.form.values()[self.step]
-        if self.step == "reference":
-            self._imply_fixed(values)
-        self.session.set_values(self.step, values)
+        for group, values in self.form.values().items():
+            if group == "reference":
+                self._imply_fixed(values)
+            self.session.set_values(group, values)
 
     def _imply_fixed(self, values: dict[str, Any]) -> None:
         """Who moves the iteration wants to stop there."""
@@ -210,10 +220,20 @@ class StepPanel(QFrame):
         chosen = {"stop": "fixed", "fixed_iteration": iteration, "extra_iterations": 0}
         self.session.set_values("reference", chosen)
 
+    def _on_threshold_moved(self, threshold_um: float) -> None:
+        if self.session.parameters.protrusions.method == "cortex":
+            self.session.set_values("protrusions", {"threshold_um": threshold_um})
+        else:
+            chosen = {"threshold": "value", "threshold_um": threshold_um}
+            self.session.set_values("topographic", chosen)
+
     # What the session says ---------------------------------------------------
 
     def _on_parameters(self, parameters: Parameters) -> None:
         self.form.show_values(parameters)
+        if len(self.groups) > 1:
+            self.form.hide_entries(senseless(self.step, parameters))
+            self.more.setVisible(self.form.has_more())
         if isinstance(self.plot, FlowPlot) and parameters.reference.stop == "fixed":
             self.plot.show_stop(parameters.reference.fixed_iteration)
 
@@ -274,9 +294,16 @@ class StepPanel(QFrame):
     def _on_charts(self, _: Any) -> None:
         self._plot_charts()
 
+    def _chart(self) -> Any:
+        """What the plot is of; protrusions are no chart that has layers of its own."""
+        atlas = self.session.atlas
+        if self.step == "protrusions" and atlas is not None:
+            return atlas.on_request.get(self.step)
+        return self.session.charts.get(self.step)
+
     def _plot_charts(self) -> None:
         """Draw what is new, once it can be seen."""
-        chart = self.session.charts.get(self.step)
+        chart = self._chart()
         if self.plot is None or not self.title.isChecked() or chart is self._plotted:
             return
         if chart is None:
@@ -286,6 +313,8 @@ class StepPanel(QFrame):
         self._plotted = chart
         if isinstance(self.plot, FlowPlot):
             self.plot.show_flow(chart.total_curvature, chart.iteration)
+        elif isinstance(self.plot, HeightPlot):
+            self.plot.show_heights(chart, self.session.charts["surface"])
         elif isinstance(self.plot, DistortionPlot):
             if self.step == "sphere":
                 self.plot.compute(sphere_histograms, self.session.charts["reference"], chart)
@@ -383,3 +412,9 @@ class PlaneDock(StepDock):
     """The plane."""
 
     step = "plane"
+
+
+class ProtrusionsDock(StepDock):
+    """Find protrusions."""
+
+    step = "protrusions"

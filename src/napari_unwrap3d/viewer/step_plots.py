@@ -10,11 +10,13 @@ from napari.utils.theme import get_theme
 from qtpy.QtCore import Signal
 from qtpy.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
+from ..protrusions.heights import height_histogram
 from .connections import disconnect
 from .threads import Task, tell
 
 if TYPE_CHECKING:
-    from ..charts import Floats
+    from ..charts import Floats, Protrusions, Surface
+    from ..unwrapping.histograms import Histogram
     from .session import Session
 
 HEIGHT = 130
@@ -90,7 +92,43 @@ class Plot(QWidget):
             spine.set_color(colours["secondary"])
 
 
-class FlowPlot(Plot):
+class LinePlot(Plot):
+    """A plot with a line that can be dragged."""
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(session, parent)
+        self._axes: Any = None
+        self._line: Any = None
+        self._dragging = False
+
+    def _dragged(self, x: float) -> None:
+        """The line is dragged to x."""
+        raise NotImplementedError
+
+    def _dropped(self) -> None:
+        """The line was let go."""
+
+    def _on_canvas(self) -> None:
+        self.canvas.mpl_connect("button_press_event", self._on_press)
+        self.canvas.mpl_connect("motion_notify_event", self._on_motion)
+        self.canvas.mpl_connect("button_release_event", self._on_release)
+
+    def _on_press(self, event: Any) -> None:
+        if event.inaxes is self._axes and event.button == 1 and self._line is not None:
+            self._dragging = True
+            self._on_motion(event)
+
+    def _on_motion(self, event: Any) -> None:
+        if self._dragging and event.xdata is not None:
+            self._dragged(float(event.xdata))
+
+    def _on_release(self, _: Any) -> None:
+        if self._dragging:
+            self._dragging = False
+            self._dropped()
+
+
+class FlowPlot(LinePlot):
     """Total |K| against the iteration, with the stop as a line that can be dragged.
 
     Signals
@@ -105,9 +143,6 @@ class FlowPlot(Plot):
         super().__init__(session, parent)
         self.curve = np.zeros(0)
         self.stop = 0
-        self._axes: Any = None
-        self._line: Any = None
-        self._dragging = False
         self.setToolTip("Drag the line to the iteration whose shape you want as the reference.")
 
     def show_flow(self, curve: Floats, stop: int) -> None:
@@ -138,25 +173,63 @@ class FlowPlot(Plot):
         """Room to drag the line beyond the iterations that were computed."""
         self._axes.set_xlim(-0.5, max(len(self.curve) + 9, stop + 5))
 
-    def _on_canvas(self) -> None:
-        self.canvas.mpl_connect("button_press_event", self._on_press)
-        self.canvas.mpl_connect("motion_notify_event", self._on_motion)
-        self.canvas.mpl_connect("button_release_event", self._on_release)
+    def _dragged(self, x: float) -> None:
+        stop = max(round(x), 1)
+        if stop != self.stop:
+            self.show_stop(stop)
+            self.stop_moved.emit(stop)
 
-    def _on_press(self, event: Any) -> None:
-        if event.inaxes is self._axes and event.button == 1:
-            self._dragging = True
-            self._on_motion(event)
 
-    def _on_motion(self, event: Any) -> None:
-        if self._dragging and event.xdata is not None:
-            stop = max(round(float(event.xdata)), 1)
-            if stop != self.stop:
-                self.show_stop(stop)
-                self.stop_moved.emit(stop)
+class HeightPlot(LinePlot):
+    """Heights of the surface over the cortex, with the threshold as a line to drag.
 
-    def _on_release(self, _: Any) -> None:
-        self._dragging = False
+    Signals
+    -------
+    threshold_moved(float)
+        The line was let go at another height, in µm.
+    """
+
+    threshold_moved = Signal(float)
+
+    def __init__(self, session: Session, parent: QWidget | None = None) -> None:
+        super().__init__(session, parent)
+        self.histogram: Any = None
+        self.threshold_um = float("nan")
+        self._task: Task | None = None
+        self.setToolTip("Drag the line to where protrusions are to begin.")
+
+    def show_heights(self, found: Protrusions, surface: Surface) -> None:
+        """Show what was found; the line is where protrusions begin."""
+        self.threshold_um = float(found.numbers.get("threshold_um", float("nan")))
+        self._task = Task(height_histogram, found, surface)
+        self._task.returned.connect(self._on_computed)
+        self._task.failed.connect(tell)
+        self._task.start()
+
+    def _on_computed(self, histogram: Histogram) -> None:
+        self.histogram = histogram
+        self.show()
+        self.redraw()
+
+    def _draw(self, colours: dict[str, str]) -> None:
+        axes = self._axes = self.figure.add_subplot()
+        axes.stairs(self.histogram.shares, self.histogram.edges, fill=True, color=LINE)
+        axes.set_yscale("log")
+        axes.set_yticks([])
+        axes.minorticks_off()
+        axes.set_xlabel("µm", fontsize=FONT, color=colours["text"], labelpad=1)
+        self.style(axes, colours, "height over the cortex; drag the threshold")
+        self._line = None
+        if np.isfinite(self.threshold_um):
+            self._line = axes.axvline(self.threshold_um, color=CHOSEN, linewidth=2)
+
+    def _dragged(self, x: float) -> None:
+        self.threshold_um = max(round(x, 2), 0.0)
+        self._line.set_xdata([self.threshold_um] * 2)
+        self.canvas.draw_idle()
+
+    def _dropped(self) -> None:
+        self.threshold_moved.emit(self.threshold_um)
 
 
 class DistortionPlot(Plot):

@@ -25,7 +25,10 @@ TITLES = {
     "topography": "Topography",
     "direct": "Direct",
     "plane": "Plane",
+    "protrusions": "Protrusions",
 }
+# A step whose parameters are several groups.
+GROUPS = {"protrusions": ("protrusions", "topographic", "refinement")}
 
 
 @dataclass
@@ -81,6 +84,16 @@ def _missing(name: str, states: Mapping[str, StepState]) -> str:
     """The first earlier step without a result; the steps on request need all others."""
     earlier = STEP_NAMES[: STEP_NAMES.index(name)] if name in STEP_NAMES else STEP_NAMES
     return next((each for each in earlier if states[each].state in (READY, NOT_READY)), "")
+
+
+def groups_of(step: str) -> tuple[str, ...]:
+    """The groups of parameters of a step."""
+    return GROUPS.get(step, (step,))
+
+
+def step_of(group: str) -> str:
+    """The step that a group of parameters belongs to."""
+    return next((step for step, groups in GROUPS.items() if group in groups), group)
 
 
 def first_open_step(states: Mapping[str, StepState]) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from ..parameters import Parameters
 from ..quality import Row, quality_rows, worst_mark
 from .step_states import DONE, FAILED, NOT_READY, READY, RUNNING, STALE, StepState
 
@@ -19,6 +20,7 @@ DESCRIPTIONS = {
     "topography": "Measures the cell outwards and inwards from the reference.",
     "direct": "Lays the whole surface on one image, also under overhangs. Takes a while.",
     "plane": "Flattens the topographic surface (the paper's Step 7). Takes a while.",
+    "protrusions": "Finds every bleb, lamellipodium and filopodium, and measures it.",
 }
 
 # What is shown first; "More" shows all.
@@ -43,9 +45,18 @@ MAIN = (
     "direct.rows",
     "direct.registration",
     "plane.iterations",
+    "protrusions.method",
+    "protrusions.kind",
+    "protrusions.threshold_um",
+    "protrusions.least_height_um",
+    "topographic.zero",
+    "topographic.threshold",
+    "topographic.threshold_um",
 )
 # Running the step asks for them.
-IMPLIED = ("direct.compute", "plane.compute")
+IMPLIED = ("direct.compute", "plane.compute", "protrusions.compute")
+# The parameter that says which group of parameters the protrusions have.
+METHOD = "method"
 
 MARKS = {
     NOT_READY: ("◌", "not ready"),
@@ -78,6 +89,12 @@ NUMBERS: dict[str, dict[str, str]] = {
     "topography": {"folded_cells": "{} folded", "chamfer_voxels": "Chamfer {:.2f} voxels"},
     "direct": {"flipped_faces": "{} flips", "mean_abs_log_lambda": "|log λ| {:.3f}"},
     "plane": {"flipped_faces": "{} flips", "covered_once_fraction": "{:.2%} covered once"},
+    "protrusions": {
+        "protrusions": "{} found",
+        "kind": "kind: {}",
+        "kind_reason": "{}",
+        "parts_difference": "parts and whole differ by {:.2%}",
+    },
 }
 
 
@@ -101,6 +118,16 @@ def status_of(name: str, step: StepState) -> str:
         return ""
     found = doubts(judged(name, step))
     return "\n".join([part for part in (key_numbers(name, step.quality), *found) if part])
+
+
+def senseless(name: str, parameters: Parameters) -> list[str]:
+    """The parameters of a step of which its method takes no notice."""
+    if name != "protrusions":
+        return []
+    by_cortex = parameters.protrusions.method == "cortex"
+    group = parameters.topographic if by_cortex else parameters.protrusions
+    name = "topographic" if by_cortex else "protrusions"
+    return [f"{name}.{parameter}" for parameter in type(group).model_fields if parameter != METHOD]
 
 
 def judged(name: str, step: StepState) -> list[Row]:

@@ -21,7 +21,7 @@ from qtpy.QtCore import QObject
 from ..annotations import Annotations, Change
 from ..atlas import Atlas
 from ..textured import PaintedTexture, Skin, make_skin, skin_chart
-from .layers import COPIES, KEY
+from .layers import COPIES, KEY, MISSING
 from .placing import chart_of
 from .subtexture import show_boxes
 from .threads import Task, tell
@@ -189,7 +189,10 @@ class LayerTexture:
 
     def _draw_field(self) -> None:
         layer = self.layer
-        values = np.asarray(layer.vertex_values, dtype=np.float64)[: self._size]
+        values = np.array(layer.vertex_values, dtype=np.float64)[: self._size]
+        missing = layer.metadata.get(KEY, {}).get(MISSING)
+        if missing is not None and len(missing) >= self._size:
+            values[missing[: self._size]] = np.nan
         colours = layer.colormap.map(np.linspace(0.0, 1.0, SHADES))[:, :3]
         table = np.rint(255 * np.asarray(colours)).astype(np.uint8)
         image = self.skin.image(values, self._faces)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import Unwrap3DError
 from .annotating import open_annotating
 from .canvas import open_canvas
+from .instances import open_instances
 from .layers import KEY, UNWRAPPED
 from .placing import chart_of
 
@@ -38,7 +39,7 @@ def view_of(viewer: Any) -> dict[str, Any]:
     -------
     dict
         JSON-able: which layers are visible, the camera, the chart and the depth in the second
-        canvas, by what everything is coloured, and which annotations are hidden.
+        canvas, by what everything is coloured, and which protrusions are selected.
     """
     view: dict[str, Any] = {
         "ndisplay": int(viewer.dims.ndisplay),
@@ -59,6 +60,9 @@ def view_of(viewer: Any) -> dict[str, Any]:
             "limits": [float(limit) for limit in colouring.limits],
         }
         view["depth"] = depth.state()
+    instances = open_instances(viewer)
+    if instances is not None and instances.found is not None:
+        view["protrusions"] = instances.state()
     annotating = open_annotating(viewer)
     if annotating is not None:
         view["annotations"] = annotating.state()
@@ -127,6 +131,12 @@ def _depth(viewer: Any, known: Mapping[str, Any]) -> None:
         canvas.depth_bar.restore(known)
 
 
+def _protrusions(viewer: Any, known: Mapping[str, Any]) -> None:
+    instances = open_instances(viewer)
+    if instances is not None and instances.found is not None:
+        instances.restore(known)
+
+
 def _annotations(viewer: Any, known: Mapping[str, Any]) -> None:
     annotating = open_annotating(viewer)
     if annotating is not None:
@@ -141,6 +151,7 @@ _PARTS: dict[str, Callable[..., None]] = {
     "canvas": _canvas,
     "colouring": _colouring,
     "depth": _depth,
+    "protrusions": _protrusions,
     "annotations": _annotations,
 }
 

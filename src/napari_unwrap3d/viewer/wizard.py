@@ -22,10 +22,11 @@ from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
 from .connections import end_with_dock
 from .docking import Docked
+from .instances import instances_of
 from .left_behind import LeftBehind
 from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
-from .session import session_of
+from .session import REQUESTED, session_of
 from .source_chooser import SourceChooser
 from .step_panel import HIGHLIGHT, WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
@@ -38,9 +39,13 @@ if TYPE_CHECKING:
 
 DEFAULTS = "defaults"
 NAME = "Unwrap"
-# Of the plugin and of its other dock, as the manifest has them.
-PLUGIN, ANNOTATIONS = "napari-unwrap3d", "Annotations"
-DRAW = f'Next: look, <a href="draw" style="color: {HIGHLIGHT}">draw on it</a>, or save it.'
+# Of the plugin and of its other docks, as the manifest has them.
+PLUGIN, ANNOTATIONS, TABLE = "napari-unwrap3d", "Annotations", "Protrusions table"
+DRAW = f'Next: look, <a href="{ANNOTATIONS}" style="color: {HIGHLIGHT}">draw on it</a>, or save it.'
+SELECT = (
+    f'Next: see the <a href="{TABLE}" style="color: {HIGHLIGHT}">table of protrusions</a>, '
+    f'<a href="{ANNOTATIONS}" style="color: {HIGHLIGHT}">draw</a>, or save it.'
+)
 FILES = f"unwrap3d project (*{SUFFIX})"
 
 
@@ -64,6 +69,7 @@ class Wizard(Docked):
         self.session = session_of(napari_viewer)
         self._saving: Task | None = None
         autosave_of(self.viewer)
+        instances_of(self.viewer)
         self._build()
         self._arrange()
         self._connect()
@@ -136,7 +142,7 @@ class Wizard(Docked):
         self.automatic.toggled.connect(self._on_automatic)
         self.run_button.clicked.connect(self.run)
         self.cancel_button.clicked.connect(self._on_cancel)
-        self.hint.linkActivated.connect(self._on_draw)
+        self.hint.linkActivated.connect(self._on_link)
         self.save_button.clicked.connect(self._on_save)
         self.open_button.clicked.connect(self._on_open)
         self.session.told.connect(self._say)
@@ -172,13 +178,13 @@ class Wizard(Docked):
         now = self.session.parameters
         groups = parameters.model_dump()
         groups["stack"]["label"] = now.stack.label
-        for step in ("direct", "plane"):
+        for step in REQUESTED:
             groups[step]["compute"] = getattr(now, step).compute
         self.session.set_parameters(Parameters.from_dict(groups))
 
-    def _on_draw(self, _: str = "") -> None:
-        """Open the dock that draws, or bring it to the front."""
-        dock, _ = self.viewer.window.add_plugin_dock_widget(PLUGIN, ANNOTATIONS)
+    def _on_link(self, name: str) -> None:
+        """Open a dock of ours, or bring it to the front."""
+        dock, _ = self.viewer.window.add_plugin_dock_widget(PLUGIN, name)
         dock.show()
         dock.raise_()
 
@@ -209,7 +215,8 @@ class Wizard(Docked):
             self.hint.hide()
             return
         if done:
-            self.hint.setText(DRAW)
+            found = self.session.atlas is not None and self.session.atlas.has("protrusions")
+            self.hint.setText(SELECT if found else DRAW)
             self.hint.show()
             return
         first = "Press <b>Run all</b>, or go step by step: " if step == STEPS[0] else "Next: "
