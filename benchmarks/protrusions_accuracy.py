@@ -180,7 +180,7 @@ def _turned_mask(
     edge = int(np.ceil(np.linalg.norm(mask.shape))) + 4
     middle = (np.array(mask.shape) - 1) / 2
     # A quarter turn of voxels falls on voxels.
-    centre = np.full(3, (edge - 1) // 2) + middle % 1.0
+    centre = np.full(3, (edge - 1) // 2) + np.round(matrix @ middle, 9) % 1.0
     level = signed_distance(mask.data)
     offset = middle - matrix.T @ centre
     level = ndimage.affine_transform(

@@ -79,3 +79,20 @@ def test_smoothing_is_in_voxels_of_the_working_grid() -> None:
     coarse = corrected(image, (2.0, 2.0, 2.0), 1.0, chosen, silent())
     np.testing.assert_allclose(coarse, ndimage.gaussian_filter(image, 1.0, mode="nearest"))
     assert corrected(image, (9.0, 9.0, 9.0), 1.0, chosen, silent()) is image
+
+
+def test_the_steepest_level_gives_a_blurred_bright_rim_its_size() -> None:
+    radius, rng = 14.0, np.random.default_rng(0)
+    away = np.linalg.norm(np.indices((48, 48, 48)) - 23.5, axis=0) - radius
+    rim = 1 + 1.2 * np.exp(-0.5 * ((away + 1.5) / 1.5) ** 2)
+    image = ndimage.gaussian_filter(np.where(away < 0, 100 * rim, 0.0), 2.5)
+    image = (image + rng.normal(12, 3, image.shape)).astype(np.float32)
+    values = corrected(image, UNIT, 1.0, StackParameters(), silent())
+
+    def radius_at(threshold: float) -> float:
+        return float(np.cbrt((values > threshold).sum() * 3 / (4 * np.pi)))
+
+    edge = radius_at(threshold_of(values, StackParameters(threshold="edge")))
+    otsu = radius_at(threshold_of(values, StackParameters(threshold="otsu")))
+    assert abs(edge - radius) < 0.7
+    assert abs(edge - radius) < 0.7 * abs(otsu - radius)

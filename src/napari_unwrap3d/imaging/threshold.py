@@ -8,7 +8,7 @@ from scipy import ndimage
 
 from ..charts import Size3
 from ..errors import EmptyMaskError, ParameterError
-from ..geometry.distance import signed_distance
+from ..geometry.distance import distance_to, signed_distance
 from ..geometry.topology import fill_cavities, largest_part
 from ..parameters import StackParameters
 from ..progress import Progress
@@ -21,6 +21,8 @@ SMALLEST_SIGMA = 0.3
 EDGE_VOXELS = 4.0
 EDGE_LEVELS = (0.02, 0.98)
 EDGE_BINS = 40
+EDGE_DEPTH = 8.0  # voxels, that a part of the cell is thick on either side of its middle
+EDGE_PEAK = 0.9
 
 
 def foreground(
@@ -174,6 +176,10 @@ def steepest_level(values: Image, threshold: float) -> float:
         return threshold
     distance = signed_distance(cell)
     near = np.abs(distance) < EDGE_VOXELS
+    # What is thin is dimmed by the blur, and rises to less.
+    core = distance < -EDGE_DEPTH
+    if core.any():
+        near &= distance_to(core) < EDGE_DEPTH + EDGE_VOXELS + 1.0
     smooth = ndimage.gaussian_filter(np.clip(distance, -2 * EDGE_VOXELS, 2 * EDGE_VOXELS), 1.0)
     inward = [-slope[near] for slope in np.gradient(smooth)]
     rise = sum(a[near] * b for a, b in zip(np.gradient(values), inward, strict=True))
@@ -184,5 +190,6 @@ def steepest_level(values: Image, threshold: float) -> float:
     # The first and the last bin are what lies beyond the levels.
     count = np.bincount(which, minlength=EDGE_BINS + 2)[1:-1]
     mean = np.bincount(which, rise, EDGE_BINS + 2)[1:-1] / np.maximum(count, 1)
-    steepest = int(np.argmax(ndimage.uniform_filter1d(mean, 3, mode="nearest")))
-    return float(edges[steepest : steepest + 2].mean())
+    # The peak is broad: its middle is steadier than its highest bin.
+    steep = np.flatnonzero(mean >= EDGE_PEAK * mean.max())
+    return float(0.5 * (edges[steep] + edges[steep + 1]).mean())

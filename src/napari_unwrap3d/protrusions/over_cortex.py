@@ -31,6 +31,7 @@ Labels = npt.NDArray[np.int32]
 MARGIN = 3
 # Around a footprint the cell is no cortex yet: its foot widens. A part of the ball's radius.
 REACH = 0.25
+LEAST_REACH = 4.0  # voxels
 # In voxels; one less wide or high cannot be told from the roughness of the mask.
 LEAST_AREA = 60.0
 LEAST_HEIGHT = 2.5
@@ -81,7 +82,7 @@ def over_cortex(
     labels = tried[kind]
 
     progress(0.7, "carrying them down to the cortex")
-    reach = REACH * radius
+    reach = max(REACH * radius, LEAST_REACH)
     height = progress.run(continued, cell.mask, opened, labels > 0, threshold, reach)
     foot = max(FOOT[kind] * radius, LEAST_FOOT)
     labels = progress.run(down_to_cortex, cell.mask, labels, height, threshold, foot)
