@@ -459,7 +459,7 @@ def test_the_key_of_the_protrusions_has_every_parameter_of_both_methods(
     small_pipeline: Pipeline,
 ) -> None:
     step = next(step for step in ON_REQUEST if step.name == "protrusions")
-    assert step.parameters == ("protrusions", "topographic")
+    assert step.parameters == ("protrusions", "topographic", "refinement")
     plain = small_pipeline._key(step, QUICK)
     assert small_pipeline._key(step, changed("protrusions", compute=True)) == plain
     assert small_pipeline._key(step, changed("protrusions", method="topography")) != plain

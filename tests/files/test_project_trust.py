@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_unwrap3d.atlas import REQUESTED, Atlas
+from napari_unwrap3d.atlas import ON_REQUEST, Atlas
 from napari_unwrap3d.errors import (
     FileFormatError,
     InputError,
@@ -363,7 +363,7 @@ def test_the_schema_is_checked_before_the_rest(
 
 def test_the_surface_alone(atlas: Atlas, saved: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(load_surface(saved).vertices, atlas.surface.vertices)
-    always = [name for name in CHARTS if name not in REQUESTED]
+    always = [name for name in CHARTS if name not in ON_REQUEST]
     nothing = atlas.replaced(**dict.fromkeys(always), on_request={})
     with pytest.raises(InputError, match="has no surface"):
         load_surface(save_project(nothing, tmp_path / "nothing"))

@@ -36,6 +36,7 @@ def test_it_is_applied_where_it_is_asked_for(monkeypatch, apply, kind, split):
 
     class Topography:
         surface = None
+        shape = (1, 32, 64)
 
     charts = {"mask": mask, "surface": surface, "topography": Topography}
     parameters = Parameters.from_dict({"refinement": {"apply": apply}})

@@ -13,7 +13,7 @@ class RefinementParameters(StepParameters):
     """Refinement: several blebs under one label are told apart by their round caps."""
 
     apply: Literal["never", "blebs", "always"] = setting(
-        "never",
+        "blebs",
         "Split touching blebs",
         "Take protrusions apart that are several round blebs: never, where the protrusions of "
         "the cell are blebs, or always; it may cut wavy sheets.",

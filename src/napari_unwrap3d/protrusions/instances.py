@@ -12,7 +12,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from ..geometry.voxel_graph import (
     Floats,
@@ -24,12 +23,6 @@ from ..geometry.voxel_graph import (
     spread,
 )
 
-Heights = npt.NDArray[np.floating]
-
-LOW = 0.6  # the part of the heights, from below, that tells how rough the cortex is
-ROUGHNESS = 3.0  # median absolute deviations
-DEVIATION = 1.4826  # of a normal distribution, in median absolute deviations
-LEAST_THRESHOLD = 0.5
 FOOTPRINT_LAYER = 3.0  # height over the threshold up to which a footprint reaches
 FOOTPRINT_START = 1.2  # and by which it has begun
 FOOTPRINT_VOXELS = 6
@@ -60,22 +53,6 @@ class Rules:
     split: float
     least: float
     tips_join: bool
-
-
-def roughness(height: Heights) -> tuple[float, float]:
-    """Median and standard deviation of the heights of the cortex itself.
-
-    The lower 60 % of all heights are taken for the cortex.
-    """
-    low = height[height <= np.quantile(height, LOW)]
-    median = float(np.median(low))
-    return median, DEVIATION * float(np.median(np.abs(low - median)))
-
-
-def automatic_threshold(height: Heights) -> float:
-    """Median + 3 MAD of the lower 60 % of the heights, but at least half a voxel."""
-    median, deviation = roughness(height)
-    return max(LEAST_THRESHOLD, median + ROUGHNESS * deviation)
 
 
 def find_instances(graph: VoxelGraph, height: Floats, rules: Rules) -> Labels:

@@ -16,12 +16,22 @@ from scipy.spatial import KDTree
 from ..charts import Floats, Ints, Mask, Surface
 from ..geometry.interpolate import sample_linear
 from ..geometry.laplacian import vertex_mass
+from ..geometry.opening import (
+    Field,
+    Solid,
+    automatic_threshold,
+    continued,
+    depth,
+    largest_radius,
+    opening,
+    roughness,
+    without_tunnels,
+)
 from ..geometry.topology import box_around
 from ..geometry.voxel_graph import voxel_graph
 from ..parameters import ProtrusionParameters
 from ..progress import Progress
-from .cortex import Field, Solid, continued, depth, largest_radius, opening, without_tunnels
-from .instances import automatic_threshold, find_instances, roughness
+from .instances import find_instances
 from .kinds import FOOT, KINDS, LEAST_FOOT, chosen_kind, rules_of
 from .segment import Segmentation
 from .volumes import down_to_cortex

@@ -6,10 +6,16 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
+from ..geometry.opening import (
+    automatic_threshold,
+    continued,
+    depth,
+    largest_radius,
+    opening,
+    without_tunnels,
+)
 from ..geometry.topology import box_around
 from ..progress import Progress
-from ..protrusions.cortex import continued, depth, largest_radius, opening, without_tunnels
-from ..protrusions.instances import automatic_threshold
 
 Solid = npt.NDArray[np.bool_]
 Field = npt.NDArray[np.float32]

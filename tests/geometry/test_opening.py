@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from napari_unwrap3d.protrusions.cortex import (
+from napari_unwrap3d.geometry.opening import (
     continued,
     depth,
     largest_radius,

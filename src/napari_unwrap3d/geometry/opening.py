@@ -1,4 +1,4 @@
-"""The cortex: the cell opened by a ball, as a smooth height over its surface.
+"""A solid opened by a ball, as a smooth height over the surface of what the ball reaches.
 
 What a ball of some part of the largest inscribed radius can reach from within is the cell's
 body; everything else stands out of it. All lengths here are voxels of the mask's grid.
@@ -14,15 +14,16 @@ from scipy import ndimage, sparse
 from scipy.spatial import KDTree
 from scipy.special import ndtri
 
-from ..geometry.distance import FAR, distance_to, power_distance
-from ..geometry.laplacian import Factor, cotangent_laplacian, mass_matrix
-from ..geometry.marching import clamped_marching_cubes
-from ..geometry.mesh import vertex_normals
-from ..geometry.topology import euler_characteristic, largest_part
+from .distance import FAR, distance_to, power_distance
+from .laplacian import Factor, cotangent_laplacian, mass_matrix
+from .marching import clamped_marching_cubes
+from .mesh import vertex_normals
+from .topology import euler_characteristic, largest_part
 
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Field = npt.NDArray[np.float32]
+Heights = npt.NDArray[np.floating]
 Solid = npt.NDArray[np.bool_]
 
 # The mask is smoothed by so much to tell where its surface passes between voxels.
@@ -31,6 +32,11 @@ LEAST_SHARE = 0.05  # of the smoothed mask, beyond which a voxel is as far as on
 LEAST_MASS = 1e-3  # voxel² around a vertex, as slivers of marching cubes have next to none
 TUNNEL = 0.3  # how wide a hole is filled, as a part of the ball's radius
 STAY = 1e-9  # voxel⁻⁴: felt over some 180 voxels
+# Of heights over the opened solid, from below, this part tells how rough its surface is.
+LOW = 0.6
+ROUGHNESS = 3.0  # median absolute deviations
+DEVIATION = 1.4826  # of a normal distribution, in median absolute deviations
+LEAST_THRESHOLD = 0.5  # voxels
 SHELL = 2.0  # thickness of the layer of centres that is enough to draw the opened cell
 
 
@@ -171,3 +177,19 @@ def _least_bending(vertices: Floats, faces: Ints, free: npt.NDArray[np.bool_]) -
     moved = vertices.copy()
     moved[inner] = Factor(rows[:, inner] + sparse.diags_array(pull)).solve(right)
     return moved
+
+
+def roughness(height: Heights) -> tuple[float, float]:
+    """Median and standard deviation of the heights of the cortex itself.
+
+    The lower 60 % of all heights are taken for the cortex.
+    """
+    low = height[height <= np.quantile(height, LOW)]
+    median = float(np.median(low))
+    return median, DEVIATION * float(np.median(np.abs(low - median)))
+
+
+def automatic_threshold(height: Heights) -> float:
+    """Median + 3 MAD of the lower 60 % of the heights, but at least half a voxel."""
+    median, deviation = roughness(height)
+    return max(LEAST_THRESHOLD, median + ROUGHNESS * deviation)
