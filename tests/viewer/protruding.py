@@ -13,6 +13,7 @@ from qtpy.QtTest import QTest
 from scipy.ndimage import distance_transform_edt
 
 from napari_unwrap3d.protrusions.editing import NAME
+from napari_unwrap3d.viewer.project import autosave_of
 from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
 from viewer.hand import follow
 from viewer.opened import SECONDS, open_atlas, settle
@@ -25,6 +26,7 @@ class Protruding:
 
     def __init__(self, viewer: Any, atlas: Any, qtbot: Any) -> None:
         self.viewer, self.atlas, self.qtbot = viewer, atlas, qtbot
+        self.autosave = autosave_of(viewer)
         self.canvas = open_atlas(viewer, atlas, qtbot, names=("surface", "uv", "topography"))
         self.dock = ProtrusionTable(viewer)
         viewer.window.add_dock_widget(self.dock, name="Protrusions table", area="right")

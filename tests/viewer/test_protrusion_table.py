@@ -23,7 +23,7 @@ from napari_unwrap3d.viewer.instance_annotation import KEPT
 from napari_unwrap3d.viewer.instance_filter import Filter
 from napari_unwrap3d.viewer.instance_look import look_at
 from napari_unwrap3d.viewer.instances import instances_of
-from napari_unwrap3d.viewer.project import autosave_of, open_project, saving
+from napari_unwrap3d.viewer.project import open_project, saving
 from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
 from napari_unwrap3d.viewer.session import session_of
 from napari_unwrap3d.viewer.step_panel import ProtrusionsDock
@@ -73,10 +73,10 @@ def test_every_view_shows_the_instances(cell: Protruding) -> None:
         assert (cell.show(chart).data == image).all()
         assert set(np.unique(image)) == {0, *cell.instances.labels}
     assert not cell.atlas.annotations.can_undo, "the run itself is nothing to undo"
-    assert not autosave_of(cell.viewer).dirty, "nor anything to save"
+    assert not cell.autosave.dirty, "nor anything to save"
     cell.instances.select([1, 2])
     cell.press("merge")
-    assert autosave_of(cell.viewer).dirty
+    assert cell.autosave.dirty
 
 
 def test_a_row_is_selected_in_the_views(cell: Protruding) -> None:

@@ -130,6 +130,18 @@ class ProtrusionEdits:
         ParameterError
             There are fewer peaks than parts, or fewer than two seeds apart from each other.
         """
+        return self.take_apart(*self.parts_of(label, seeds, parts))
+
+    def parts_of(
+        self, label: int, seeds: npt.ArrayLike | None = None, parts: int = 2
+    ) -> tuple[Ints, Ints]:
+        """What :meth:`split` would do, which takes a moment; nothing is changed.
+
+        Returns
+        -------
+        vertices, labels : ndarray, (k,)
+            The protrusion's vertices, and the label that each would have.
+        """
         (label,) = self._known([label])
         mine = np.flatnonzero(self.labels == label)
         graph = mesh_graph(self._atlas.surface.vertices, self._edges, mine)
@@ -145,10 +157,14 @@ class ProtrusionEdits:
             part = around_seeds(graph, self._nodes(mine, np.asarray(seeds)))
         unused = self.unused
         numbers = np.array([label, *range(unused, unused + int(part.max()))])
+        return mine, numbers[part]
+
+    def take_apart(self, vertices: Ints, labels: Ints) -> list[int]:
+        """Give vertices their labels in one stroke; the labels are returned, in order."""
         with self.annotations.stroke():
             self.start()
-            self._paint(mine, numbers[part])
-        return [int(number) for number in numbers]
+            self._paint(vertices, labels)
+        return [int(label) for label in np.unique(labels)]
 
     def _nodes(self, mine: Ints, seeds: npt.NDArray[np.generic]) -> Ints:
         """The places of seeds among the vertices of a protrusion."""

@@ -1,21 +1,24 @@
-"""What was found becomes the annotation "protrusions"; what a person had edited is kept."""
+"""What is found becomes the annotation "protrusions"; what is done with it in threads."""
 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from napari.utils.notifications import show_info
 
 from ..annotations.state import Drawn
-from ..protrusions.editing import NAME
+from ..errors import ParameterError
+from ..protrusions.editing import NAME, ProtrusionEdits
 
 if TYPE_CHECKING:
     from ..annotations import Annotations
     from ..charts import Protrusions
+    from ..pipeline import Pipeline
 
 KEPT = "protrusions, edited"
+PARTS = 2
 
 
 def put_labels(annotations: Annotations, found: Protrusions, *, keep: bool = False) -> str:
@@ -40,3 +43,20 @@ def _put_away(annotations: Annotations) -> str:
     annotations.rename(NAME, name)
     show_info(f"What you had edited is kept as the annotation “{name}”.")
     return name
+
+
+def parted(edits: ProtrusionEdits, label: int, seeds: Any) -> tuple[ProtrusionEdits, Any]:
+    """The parts of a protrusion; None where its peaks do not part it."""
+    try:
+        return edits, edits.parts_of(label, seeds, PARTS)
+    except ParameterError:
+        if seeds is None:
+            return edits, None
+        raise
+
+
+def measured(
+    edits: ProtrusionEdits, pipeline: Pipeline | None
+) -> tuple[ProtrusionEdits, Protrusions]:
+    """Measure what changed, and put it in the place of what was found."""
+    return edits, edits.keep(pipeline)

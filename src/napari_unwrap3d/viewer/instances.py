@@ -14,26 +14,26 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from qtpy.QtCore import QEvent, QObject, Signal
 
-from ..errors import ParameterError, Unwrap3DError
+from ..errors import Unwrap3DError
 from ..fields import CURVATURE, PROTRUSION
 from ..protrusions.colours import instance_colour
 from ..protrusions.columns import COLUMNS
 from ..protrusions.editing import EDITED, NAME, ProtrusionEdits
 from .annotating import LABELS, annotating_of
 from .canvas import canvas_of
-from .instance_annotation import put_labels
+from .instance_annotation import PARTS, measured, parted, put_labels
 from .instance_filter import COLUMNS_FIRST, Filter, filter_from
 from .instance_look import look_at, strengths
 from .painting import BRUSH, LOOK
 from .session import session_of
 from .step_states import RUNNING, STALE
+from .step_texts import DELETED, FINDING, NO_CELL, NOT_FOUND, OTHERS, POINT
 from .threads import Task, tell
 from .turns import soon
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
     from ..charts import Protrusions
-    from ..pipeline import Pipeline
     from .annotating import Annotating, Colour
     from .session import Session
 
@@ -41,14 +41,6 @@ STEP = "protrusions"
 # A stroke that rests this long is measured.
 REST_MS = 300
 CLOSE_SECONDS = 5.0
-PARTS = 2
-POINT = "Its peaks do not part it: click a place in each of the two parts. Esc stops."
-
-NO_CELL = "There is no unwrapped cell yet: unwrap one, or open a project."
-NOT_FOUND = "Press Run to find and measure the protrusions of this cell."
-FINDING = "Finding protrusions …"
-OTHERS = "These protrusions belong to other parameters: press Run."
-DELETED = "The annotation “protrusions” was deleted: undo that, or segment again."
 
 
 class Instances(QObject):
@@ -216,14 +208,14 @@ class Instances(QObject):
             return
         if not self.pointing:
             self.working.emit("Measuring what changed …")
-        self._task = Task(_measured, edits, self.session.pipeline)
+        self._task = Task(measured, edits, self.session.pipeline)
         self._task.returned.connect(self._on_measured)
         self._task.failed.connect(self._on_failed)
         self._task.start()
 
-    def _on_measured(self, measured: tuple[ProtrusionEdits, Protrusions]) -> None:
+    def _on_measured(self, result: tuple[ProtrusionEdits, Protrusions]) -> None:
         self._end_task()
-        edits, found = measured
+        edits, found = result
         if edits is not self._edits:
             return
         self.found = found
@@ -338,15 +330,27 @@ class Instances(QObject):
 
     def split(self) -> None:
         """Make two of the one that is selected; where its peaks do not part it, by two clicks."""
-        (label,) = self.selection
-        assert self._edits is not None
-        try:
-            parts = self._edits.split(label, parts=PARTS)
-        except ParameterError:
+        self._part(self.selection[0], None)
+
+    def _part(self, label: int, seeds: Any) -> None:
+        """Find the parts in a thread."""
+        if self._edits is None or self._task is not None:
+            return
+        self._task = Task(parted, self._edits, label, seeds)
+        self._task.returned.connect(self._on_parted)
+        self._task.failed.connect(self._on_failed)
+        self._task.start()
+
+    def _on_parted(self, result: tuple[ProtrusionEdits, Any]) -> None:
+        self._end_task()
+        edits, parts = result
+        if edits is not self._edits:
+            return
+        if parts is None:
             self._seeds = []
             self.working.emit(POINT)
-            return
-        self._edited(parts)
+        else:
+            self._edited(edits.take_apart(*parts))
 
     @property
     def pointing(self) -> bool:
@@ -364,7 +368,7 @@ class Instances(QObject):
         if len(self._seeds) == PARTS:
             seeds = np.array(self._seeds)
             self.stop_pointing()
-            self._edit(lambda edits: edits.split(label, seeds))
+            self._part(label, seeds)
 
     def stop_pointing(self) -> None:
         """Clicks select again."""
@@ -463,12 +467,6 @@ class Instances(QObject):
         if event.type() == QEvent.Type.Close:
             self.close()
         return super().eventFilter(watched, event)
-
-
-def _measured(
-    edits: ProtrusionEdits, pipeline: Pipeline | None
-) -> tuple[ProtrusionEdits, Protrusions]:
-    return edits, edits.keep(pipeline)
 
 
 _INSTANCES: weakref.WeakKeyDictionary[Any, Instances] = weakref.WeakKeyDictionary()

@@ -37,9 +37,10 @@ from .instance_edits import EditBar
 from .instance_filter import COLUMNS_FIRST
 from .instance_filter_bar import FilterBar
 from .instance_model import LABEL, InstanceModel, ShownRows, title
-from .instances import NOT_FOUND, OTHERS, STEP, instances_of
+from .instances import STEP, instances_of
 from .notice import small_button
 from .square_view import SquareView
+from .step_texts import NOT_FOUND, OTHERS
 from .threads import Task, tell
 
 if TYPE_CHECKING:

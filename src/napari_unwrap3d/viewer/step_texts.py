@@ -58,6 +58,14 @@ IMPLIED = ("direct.compute", "plane.compute", "protrusions.compute")
 # The parameter that says which group of parameters the protrusions have.
 METHOD = "method"
 
+# Why the table of protrusions does not hold, or there is none.
+NO_CELL = "There is no unwrapped cell yet: unwrap one, or open a project."
+NOT_FOUND = "Press Run to find and measure the protrusions of this cell."
+FINDING = "Finding protrusions …"
+OTHERS = "These protrusions belong to other parameters: press Run."
+DELETED = "The annotation “protrusions” was deleted: undo that, or segment again."
+POINT = "Its peaks do not part it: click a place in each of the two parts. Esc stops."
+
 MARKS = {
     NOT_READY: ("◌", "not ready"),
     READY: ("○", "ready: press Run"),

@@ -230,6 +230,7 @@ class Texturing(QObject):
         self._skins: dict[str, Skin] = {}
         self._watching, self._watched = watching, set[str]()
         self._timer = soon(self, self._show)
+        self._more = soon(self, self.update)
         annotations.changed.connect(self._on_changed)
         annotations.listed.connect(self.update)
         viewer.layers.events.inserted.connect(self.update)
@@ -252,10 +253,14 @@ class Texturing(QObject):
             return
         for layer in [each for each, texture in self._textures.items() if texture.lost]:
             self._textures.pop(layer).take_off()
-        for layer in viewer.layers:
+        # What is seen comes first, and one in each turn of the event loop.
+        for layer in sorted(viewer.layers, key=lambda layer: not layer.visible):
             mesh = chart_of(layer)
             if mesh in TEXTURED and layer not in self._textures and self._fits(layer, mesh):
                 self._texture(layer, mesh)
+                if layer in self._textures:
+                    self._more.start()
+                    break
         for texture in self._textures.values():
             self._cover(texture)
         self._timer.start()
@@ -278,6 +283,7 @@ class Texturing(QObject):
             return
         self._closed = True
         self._timer.stop()
+        self._more.stop()
         self._annotations.changed.disconnect(self._on_changed)
         self._annotations.listed.disconnect(self.update)
         viewer = self._viewer()
