@@ -32,7 +32,7 @@ def test_it_is_applied_where_it_is_asked_for(monkeypatch, apply, kind, split):
     method = ModuleType("over_cortex")
     method.over_cortex = lambda *_: found  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "napari_unwrap3d.protrusions.over_cortex", method)
-    monkeypatch.setattr(segment, "measured", lambda found, *_: found)
+    monkeypatch.setattr(segment, "measured", lambda found, *_, **__: found)
 
     class Topography:
         surface = None
