@@ -12,8 +12,8 @@ from qtpy.QtGui import QWheelEvent
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication, QDockWidget
 
+from napari_unwrap3d import requested
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.unwrapping import requested
 from napari_unwrap3d.viewer.canvas import DOCK_NAME, UnwrappedCanvas, canvas_of, open_canvas
 from napari_unwrap3d.viewer.placing import chart_of
 from viewer.opened import SECONDS, open_atlas, settle
@@ -152,8 +152,11 @@ def test_direct_and_plane_are_computed_when_asked(
     direct = plane_atlas.direct
     monkeypatch.setattr(
         requested,
-        "REQUESTED_CHARTS",
-        {"direct": lambda *_: (direct, {}), "plane": lambda *_: (None, refusal)},
+        "ON_REQUEST",
+        {
+            "direct": requested.Requested(lambda *_: (direct, {}), ("direct",)),
+            "plane": requested.Requested(lambda *_: (None, refusal), ("plane",)),
+        },
     )
     viewer = make_napari_viewer(show=True)
     atlas = small_atlas.replaced(on_request={}, quality={})
