@@ -163,7 +163,7 @@ class ForgetfulTree:
 
 def test_a_miss_has_finite_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     locator = SurfaceLocator(*icosphere(1))
-    monkeypatch.setattr(locator._tree._tree, "_tree", ForgetfulTree())
+    monkeypatch.setattr(locator._tree._tree._blocks[0], "_tree", ForgetfulTree())
     way = directions(3)
     face, weights = locator.first_hit(2 * way, 3 * way)
     assert (face == -1).all()
@@ -194,11 +194,39 @@ def test_many_queries_let_other_threads_run_and_change_nothing(
     arguments = (points,) if ask == "closest" else (points, np.zeros_like(points))
     whole = getattr(locator, ask)(*arguments)
     monkeypatch.setattr(compiled, "QUERIES", 100)
-    here = locator._tree._tree
+    here = locator._tree._tree._blocks[0]
     here._tree = tree = CountedTree(here._tree)
     for once, parts in zip(whole, getattr(locator, ask)(*arguments), strict=True):
         np.testing.assert_array_equal(parts, once)
     assert tree.asked == [100] * 5 + [3]
+
+
+@pytest.mark.parametrize("ask", ["closest", "first_hit"])
+def test_blocks_of_faces_find_what_the_whole_mesh_has(
+    ask: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    mesh = lumpy(4)
+    rng = np.random.default_rng(3)
+    points = rng.normal(size=(2000, 3)) * rng.uniform(0.2, 1.5, (2000, 1))
+    arguments = (points,) if ask == "closest" else (points, -points)
+    expected = getattr(SurfaceLocator(*mesh), ask)(*arguments)
+    monkeypatch.setattr(compiled, "FACES", 300)
+    locator = SurfaceLocator(*mesh)
+    parts = [block._part for block in locator._tree._tree._blocks]
+    assert len(parts) > 8
+    np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(len(mesh[1])))
+    found = getattr(locator, ask)(*arguments)
+    # On an edge between two blocks either face is right.
+    same = found[0] == expected[0]
+    assert same.mean() > 0.95
+    for one, other in zip(found[1:], expected[1:], strict=True):
+        np.testing.assert_allclose(one[same], other[same], atol=1e-12)
+    hit = (expected[0] >= 0) & (found[0] >= 0)
+    np.testing.assert_array_equal(expected[0] >= 0, found[0] >= 0)
+    places = [
+        interpolate(*mesh, face[hit], weights[hit]) for face, weights, *_ in (found, expected)
+    ]
+    np.testing.assert_allclose(*places, atol=1e-9)
 
 
 def test_barycentric_weights_reproduce_points_of_the_plane() -> None:
