@@ -13,7 +13,6 @@ from napari_unwrap3d.errors import Cancelled
 from napari_unwrap3d.geometry import apart as module
 from napari_unwrap3d.geometry import compiled
 from napari_unwrap3d.geometry.apart import Gone, Helper, apart
-from napari_unwrap3d.geometry.locate import SurfaceLocator
 from napari_unwrap3d.geometry.marching import clamped_marching_cubes
 from napari_unwrap3d.geometry.remesh import simplify
 from shapes import icosphere, lumpy
@@ -27,9 +26,8 @@ def nothing_here(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
         def used(*_: Any) -> None:
             raise AssertionError("done in this process")
 
-        for name in ("decimated", "marched", "Tree"):
+        for name in ("decimated", "marched"):
             monkeypatch.setattr(compiled, name, used)
-        monkeypatch.setattr(module, "Tree", used)
 
     return forbid
 
@@ -37,16 +35,9 @@ def nothing_here(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
 def everything() -> list[np.ndarray]:
     """What every library gives, on small data."""
     vertices, faces = lumpy(3)
-    points = np.random.default_rng(0).normal(size=(3000, 3))
     index = np.indices((12, 12, 12)).astype(np.float32)
     field = 4.3 - np.linalg.norm(index - 5.4, axis=0)
-    locator = SurfaceLocator(vertices, faces)
-    return [
-        *simplify(vertices, faces, 200),
-        *clamped_marching_cubes(field),
-        *locator.closest(points),
-        *locator.first_hit(points, -points),
-    ]
+    return [*simplify(vertices, faces, 200), *clamped_marching_cubes(field)]
 
 
 def test_every_bit_is_the_same(nothing_here: Callable[[], None]) -> None:
@@ -59,25 +50,15 @@ def test_every_bit_is_the_same(nothing_here: Callable[[], None]) -> None:
         np.testing.assert_array_equal(one, other)
 
 
-def test_a_tree_comes_here_when_the_process_ends() -> None:
-    vertices, faces = icosphere(2)
-    points = 2.0 * vertices[:5]
-    with apart():
-        locator = SurfaceLocator(vertices, faces)
-        before = locator.closest(points)
-    for one, other in zip(before, locator.closest(points), strict=True):
-        np.testing.assert_array_equal(one, other)
-
-
 def test_what_a_lost_process_should_have_done_is_done_here() -> None:
     vertices, faces = icosphere(2)
     with apart():
-        locator = SurfaceLocator(vertices, faces)
+        expected = simplify(vertices, faces, 60)
         assert module._helper is not None
         assert module._helper._process is not None
         module._helper._process.kill()
-        assert len(simplify(vertices, faces, 60)[0]) < len(vertices)
-        assert not locator.closest(vertices)[2].any()
+        for one, other in zip(expected, simplify(vertices, faces, 60), strict=True):
+            np.testing.assert_array_equal(one, other)
 
 
 def test_without_a_program_to_start_it_is_done_here(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -136,20 +117,6 @@ def test_who_still_waits_at_the_end_is_cancelled() -> None:
         helper.close()
         thread.join(10.0)
     assert isinstance(outcome[0], Cancelled)
-
-
-def test_trees_that_nobody_needs_are_forgotten() -> None:
-    vertices, faces = icosphere(1)
-    with apart():
-        helper = module._helper
-        assert helper is not None
-        locator = SurfaceLocator(vertices, faces)
-        key = locator._tree._key
-        del locator
-        assert list(helper._dropped) == [key]
-        helper.call("decimated", *_float32(1), 10)
-        with pytest.raises(KeyError):
-            helper.call_kept(key, "closest", vertices)
 
 
 def _float32(level: int) -> tuple[np.ndarray, np.ndarray]:

@@ -163,7 +163,7 @@ class ForgetfulTree:
 
 def test_a_miss_has_finite_weights(monkeypatch: pytest.MonkeyPatch) -> None:
     locator = SurfaceLocator(*icosphere(1))
-    monkeypatch.setattr(locator._tree._tree._blocks[0], "_tree", ForgetfulTree())
+    monkeypatch.setattr(locator._tree._blocks[0], "_tree", ForgetfulTree())
     way = directions(3)
     face, weights = locator.first_hit(2 * way, 3 * way)
     assert (face == -1).all()
@@ -194,7 +194,7 @@ def test_many_queries_let_other_threads_run_and_change_nothing(
     arguments = (points,) if ask == "closest" else (points, np.zeros_like(points))
     whole = getattr(locator, ask)(*arguments)
     monkeypatch.setattr(compiled, "QUERIES", 100)
-    here = locator._tree._tree._blocks[0]
+    here = locator._tree._blocks[0]
     here._tree = tree = CountedTree(here._tree)
     for once, parts in zip(whole, getattr(locator, ask)(*arguments), strict=True):
         np.testing.assert_array_equal(parts, once)
@@ -212,7 +212,7 @@ def test_blocks_of_faces_find_what_the_whole_mesh_has(
     expected = getattr(SurfaceLocator(*mesh), ask)(*arguments)
     monkeypatch.setattr(compiled, "FACES", 300)
     locator = SurfaceLocator(*mesh)
-    parts = [block._part for block in locator._tree._tree._blocks]
+    parts = [block._part for block in locator._tree._blocks]
     assert len(parts) > 8
     np.testing.assert_array_equal(np.sort(np.concatenate(parts)), np.arange(len(mesh[1])))
     found = getattr(locator, ask)(*arguments)

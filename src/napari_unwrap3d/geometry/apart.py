@@ -9,21 +9,17 @@ here.
 from __future__ import annotations
 
 import contextlib
-import itertools
 import os
 import pickle
 import subprocess
 import sys
 import threading
-import weakref
-from collections import deque
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO, Any
 
 from ..errors import Cancelled
 from . import compiled
-from .compiled import Floats, Found, Ints, Tree
 
 START = "import sys; sys.path.insert(0, sys.argv[1]); from {} import serve; serve()"
 # Windows would open a console for it.
@@ -45,41 +41,15 @@ class Helper:
         self._process: subprocess.Popen[bytes] | None = None
         self._lock = threading.Lock()
         self._lost = self._closed = False
-        self._keys = itertools.count()
-        # Objects may be given up in the middle of anything: the process is told of it later.
-        self._dropped: deque[int] = deque()
 
     def call(self, name: str, *arguments: Any) -> Any:
         """What a function returns, or raises; :class:`Gone` if the process ended before."""
-        return self._ask("call", name, arguments)
-
-    def keep(self, owner: object, name: str, *arguments: Any) -> int:
-        """Make an object of a class there, and keep it as long as `owner` lives; its key."""
-        key = next(self._keys)
-        self._ask("keep", name, arguments, key)
-        weakref.finalize(owner, self._dropped.append, key).atexit = False
-        return key
-
-    def call_kept(self, key: int, name: str, *arguments: Any) -> Any:
-        """What a method of a kept object returns."""
-        return self._ask("call_kept", name, arguments, key)
-
-    def close(self) -> None:
-        """End the process; who still waits for it is of a cancelled run, and gets that."""
-        self._closed = True
-        if self._process is not None:
-            self._process.kill()
-        with self._lock:
-            self._end()
-
-    def _ask(self, kind: str, name: str, arguments: tuple[Any, ...], key: int = -1) -> Any:
         with self._lock:
             if self._closed or self._lost:
                 raise Gone
-            dropped = [self._dropped.popleft() for _ in range(len(self._dropped))]
             try:
                 questions, answers = self._pipes()
-                _send(questions, (kind, name, arguments, key, dropped))
+                _send(questions, (name, arguments))
                 good, answer = pickle.load(answers)
             except (OSError, EOFError, ValueError, pickle.UnpicklingError) as error:
                 self._lost = True
@@ -88,6 +58,14 @@ class Helper:
         if good:
             return answer
         raise answer
+
+    def close(self) -> None:
+        """End the process; who still waits for it is of a cancelled run, and gets that."""
+        self._closed = True
+        if self._process is not None:
+            self._process.kill()
+        with self._lock:
+            self._end()
 
     def _pipes(self) -> tuple[IO[bytes], IO[bytes]]:
         """To and from the process, which is started if it is not there yet."""
@@ -129,21 +107,16 @@ def serve() -> None:
     """What the process does: answer until nobody asks any more."""
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # what a library prints is no answer
-    kept: dict[int, Any] = {}
     while True:
         try:
-            kind, name, arguments, key, dropped = pickle.load(sys.stdin.buffer)
+            name, arguments = pickle.load(sys.stdin.buffer)
         except EOFError:
             return
-        for each in dropped:
-            kept.pop(each, None)
         try:
-            answer = getattr(kept[key] if kind == "call_kept" else compiled, name)(*arguments)
+            answer = getattr(compiled, name)(*arguments)
         except Exception as error:  # noqa: BLE001 - it is raised where it was asked for
             _send(answers, (False, error))
             continue
-        if kind == "keep":
-            kept[key], answer = answer, None
         _send(answers, (True, answer))
 
 
@@ -179,43 +152,3 @@ def call(name: str, *arguments: Any) -> Any:
         with contextlib.suppress(Gone):
             return helper.call(name, *arguments)
     return getattr(compiled, name)(*arguments)
-
-
-class TreeOf:
-    """A :class:`~napari_unwrap3d.geometry.compiled.Tree`, in the other process while it is there.
-
-    Parameters and methods are the tree's.
-    """
-
-    def __init__(self, vertices: Floats, faces: Ints) -> None:
-        self._mesh = vertices, faces
-        self._helper = _helper
-        self._tree: Tree | None = None
-        if self._helper is not None:
-            with contextlib.suppress(Gone):
-                self._key = self._helper.keep(self, "Tree", vertices, faces)
-                return
-        self._come_here()
-
-    def closest(self, points: Floats) -> Found:
-        """See :meth:`Tree.closest`."""
-        return self._call("closest", points)
-
-    def first_hit(self, origin: Floats, direction: Floats) -> Found:
-        """See :meth:`Tree.first_hit`."""
-        return self._call("first_hit", origin, direction)
-
-    def _call(self, name: str, *arguments: Floats) -> Found:
-        if self._helper is not None:
-            try:
-                found: Found = self._helper.call_kept(self._key, name, *arguments)
-            except Gone:
-                self._come_here()
-            else:
-                return found
-        here: Found = getattr(self._tree, name)(*arguments)
-        return here
-
-    def _come_here(self) -> None:
-        self._tree = Tree(*self._mesh)
-        self._helper = None

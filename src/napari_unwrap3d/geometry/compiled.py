@@ -1,7 +1,8 @@
 """Calls of compiled libraries that let no other Python thread run until they are done.
 
-Each takes arrays and returns arrays, so that it may also be made in another process; see
-:mod:`napari_unwrap3d.geometry.apart`, through which everything here is called.
+Functions take and return arrays, so that they may also be called in another process; see
+:mod:`napari_unwrap3d.geometry.apart`, through which they are called. Trees do a part of their
+work at a time instead.
 """
 
 from __future__ import annotations

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from scipy import sparse
 
 from ..errors import NotLocatedError
-from .apart import TreeOf
+from .compiled import Tree
 from .mesh import face_neighbors
 
 Floats = npt.NDArray[np.float64]
@@ -120,7 +120,7 @@ class SurfaceLocator:
     def __init__(self, vertices: Floats, faces: Ints) -> None:
         self._vertices = np.ascontiguousarray(vertices, dtype=np.float64)
         self._faces = np.ascontiguousarray(faces, dtype=np.int64)
-        self._tree = TreeOf(self._vertices, self._faces)
+        self._tree = Tree(self._vertices, self._faces)
 
     def closest(self, points: npt.ArrayLike) -> tuple[Ints, Floats, Floats]:
         """Face (n,), barycentric weights (n, 3) and distance (n,) of the closest points."""

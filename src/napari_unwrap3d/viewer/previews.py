@@ -14,6 +14,7 @@ import numpy as np
 from qtpy.QtCore import QObject
 
 from ..errors import Cancelled
+from ..geometry.apart import apart
 from ..parameters import Parameters, ReferenceParameters
 from ..progress import Progress
 from ..unwrapping.preview import FlowPreview, between_blends, flow_preview, iterations_to_keep
@@ -99,7 +100,8 @@ class Previews(QObject):
     def _compute_flow(
         sealed: Any, parameters: ReferenceParameters, count: int, progress: Progress
     ) -> Kept:
-        preview = flow_preview(sealed, parameters, count, progress)
+        with apart():
+            preview = flow_preview(sealed, parameters, count, progress)
         return Kept(sealed, _of_the_flow(parameters), preview)
 
     @staticmethod

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from qtpy.QtCore import QObject, Signal
 
 from ..errors import ChartMissingError, Unwrap3DError
+from ..geometry.apart import apart
 from .notice import Notice
 from .threads import Task, tell
 
@@ -125,7 +126,8 @@ class RequestedCharts(QObject):
 def _computed(atlas: Atlas, chart: str) -> tuple[Atlas, str]:
     """Compute a chart by reading it; one that is refused says so in the atlas' quality."""
     try:
-        getattr(atlas, chart)
+        with apart():
+            getattr(atlas, chart)
     except ChartMissingError:
         if "reason" not in atlas.quality.get(chart, {}):
             raise
