@@ -20,8 +20,8 @@ import resource
 import sys
 import tempfile
 import time
+from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -37,9 +37,8 @@ from scipy.spatial import KDTree
 
 import napari_unwrap3d as unwrap3d
 from napari_unwrap3d.imaging.segment import segment
-from napari_unwrap3d.parameters import ProtrusionParameters
 from napari_unwrap3d.progress import silent
-from napari_unwrap3d.protrusions.over_cortex import over_cortex
+from napari_unwrap3d.protrusions.segment import find_protrusions
 
 KINDS = ("blebs", "lamellipodia", "filopodia")
 F1_CLEAN = {"blebs": 0.98, "lamellipodia": 0.98, "filopodia": 0.95}
@@ -60,24 +59,14 @@ def found_in(
     mask: unwrap3d.Mask, method: str, parameters: dict[str, Any] | None = None
 ) -> tuple[Any, unwrap3d.Mask, Any, float]:
     """The protrusions of a mask by a method, the mask and surface they are of, CPU seconds."""
-    chosen = ProtrusionParameters(method=method, **(parameters or {}))  # type: ignore[arg-type]
-    if method == "cortex":
-        atlas = unwrap3d.Pipeline(mask).run(until="surface")
-        start = time.process_time()
-        found: Any = over_cortex(atlas.mask, atlas.surface, chosen, silent())
-        return found, atlas.mask, atlas.surface, time.process_time() - start
-    atlas = unwrap3d.unwrap(mask, unwrap3d.Parameters.from_dict({"uv": {"rows": ROWS}}))
-    start = time.process_time()
-    whole = unwrap3d.segment_protrusions(atlas, chosen)
-    seconds = time.process_time() - start
-    found = SimpleNamespace(
-        labels=whole.labels,
-        height_um=whole.height_um,
-        volume=whole.volume.data,
-        cortex=whole.cortex.data,
-        numbers=whole.numbers,
+    chosen = unwrap3d.Parameters.from_dict(
+        {"uv": {"rows": ROWS}, "protrusions": {"method": method, **(parameters or {})}}
     )
-    return found, atlas.mask, atlas.surface, seconds
+    until = "surface" if method == "cortex" else "topography"
+    atlas = unwrap3d.Pipeline(mask).run(chosen, until=until)
+    start = time.process_time()
+    found = find_protrusions(partial(getattr, atlas), chosen, silent())
+    return found, atlas.mask, atlas.surface, time.process_time() - start
 
 
 def recorded(cell: Any, threshold: str) -> unwrap3d.Mask:

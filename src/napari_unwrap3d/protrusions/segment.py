@@ -75,30 +75,43 @@ def segment_cell(
     charts: Callable[[str], Any], parameters: Parameters, progress: Progress
 ) -> Protrusions:
     """The protrusions of the cell with these charts; see :func:`segment_protrusions`."""
-    mask, surface = charts("mask"), charts("surface")
+    found = find_protrusions(charts, parameters, progress.part(0.0, 0.9))
+    progress(0.9, "measuring the protrusions")
+    topography, rows = charts("topography").surface, charts("topography").shape[1]
     method = parameters.protrusions.method
-    if method == "cortex":
+    return measured(found, charts("mask"), charts("surface"), topography, method, rows=rows)
+
+
+def find_protrusions(
+    charts: Callable[[str], Any], parameters: Parameters, progress: Progress
+) -> Segmentation:
+    """What the chosen method finds, refined where that was chosen.
+
+    Parameters
+    ----------
+    charts : callable
+        Gives a chart by its name. Over the cortex only mask and surface are needed; the
+        method "topography" needs uv and topography, too.
+    """
+    mask, surface = charts("mask"), charts("surface")
+    part = progress.part(0.0, 0.9)
+    if parameters.protrusions.method == "cortex":
         from .over_cortex import over_cortex
 
-        part = progress.part(0.0, 0.85)
         found = over_cortex(mask, surface, parameters.protrusions, part)
     else:
         from .topographic.method import by_topography
 
         uv, topography = charts("uv"), charts("topography")
-        part = progress.part(0.0, 0.85)
         found = by_topography(mask, surface, uv, topography, parameters, part)
     kind = found.numbers.get("kind", parameters.protrusions.kind)
     apply = parameters.refinement.apply
     if apply == "always" or (apply == "blebs" and kind == "blebs"):
         from .refine import refine_segmentation
 
-        part = progress.part(0.85, 0.9)
+        part = progress.part(0.9, 1.0)
         found = refine_segmentation(found, mask, surface, parameters.refinement, part)
-    progress(0.9, "measuring the protrusions")
-    topography = charts("topography")
-    rows = topography.shape[1]
-    return measured(found, mask, surface, topography.surface, method, rows=rows)
+    return found
 
 
 def measured(
