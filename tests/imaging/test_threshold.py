@@ -96,3 +96,17 @@ def test_the_steepest_level_gives_a_blurred_bright_rim_its_size() -> None:
     otsu = radius_at(threshold_of(values, StackParameters(threshold="otsu")))
     assert abs(edge - radius) < 0.7
     assert abs(edge - radius) < 0.7 * abs(otsu - radius)
+
+
+def test_a_level_that_would_lose_a_part_of_the_cell_is_not_taken() -> None:
+    """A bright ball on a dim one: the steepest place of the outline is the bright one's."""
+    z, y, x = np.indices((40, 40, 64)) - np.array([19.5, 19.5, 19.5])[:, None, None, None]
+    image = np.where(z**2 + y**2 + x**2 < 12**2, 1000.0, 0.0)
+    dim = (z**2 + y**2 + (x - 20) ** 2 < 12**2) & (image == 0)
+    image[dim] = 620.0
+    image = ndimage.gaussian_filter(image, 1.0)
+    values = corrected(image.astype(np.float32), UNIT, 1.0, StackParameters(), silent())
+    otsu = threshold_of(values, StackParameters(threshold="otsu"))
+    edge = threshold_of(values, StackParameters(threshold="edge"))
+    whole, kept = (values > otsu).sum(), (values > edge).sum()
+    assert abs(kept / whole - 1) < 0.25

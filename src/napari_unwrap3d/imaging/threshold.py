@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -15,12 +17,16 @@ from ..progress import Progress
 from .enhance import Image, enhanced
 from .resample import interpolate_axis
 
+logger = logging.getLogger(__name__)
+
 # Smoothing by less than this does nothing.
 SMALLEST_SIGMA = 0.3
 # Where the steepest level is looked for: in voxels around the outline, and in intensities there.
 EDGE_VOXELS = 4.0
 EDGE_LEVELS = (0.02, 0.98)
 EDGE_BINS = 40
+# A level that would change the cell's volume by more is another thing's than its outline's.
+LARGEST_CHANGE = 0.2
 EDGE_DEPTH = 8.0  # voxels, that a part of the cell is thick on either side of its middle
 EDGE_PEAK = 0.9
 
@@ -169,7 +175,9 @@ def steepest_level(values: Image, threshold: float) -> float:
 
     Blur moves a bright membrane's outline at any fixed part of the contrast outwards; the
     steepest place stays where the edge is, to first order. Measured along the normals of the
-    outline at `threshold`, next to it, on average over all places of the same intensity.
+    outline at `threshold`, next to it, on average over all places of the same intensity. Where
+    that would change the cell's volume by more than a fifth, as with parts of different
+    brightness or next to coarse voxels, `threshold` itself is returned.
     """
     cell = fill_cavities(largest_part(values > threshold))
     if cell.all() or not cell.any():

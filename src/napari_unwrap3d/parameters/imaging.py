@@ -109,13 +109,14 @@ class StackParameters(StepParameters):
         unit="µm",
         ge=0,
     )
-    threshold: Literal["otsu", "multi-otsu", "multi-level", "edge", "value"] = setting(
+    threshold: Literal["otsu", "edge", "multi-otsu", "multi-level", "value"] = setting(
         "otsu",
         "Threshold",
         "How the cell is told from the background. edge: the intensity at which the image rises "
-        "most steeply at the outline that Otsu's threshold gives; of blurred images it gives the "
-        "truest size. multi-level: what is above Otsu's threshold in "
-        "the enhanced image, or in the image smoothed over the interior's size.",
+        "most steeply at the outline that Otsu's threshold gives, the truest size of a blurred "
+        "cell; Otsu's where that would change its volume by more than a fifth. multi-level: what "
+        "is above Otsu's threshold in the enhanced image, or in the image smoothed over the "
+        "interior's size.",
         source=SEGMENTATION,
     )
     threshold_value: float = setting(
