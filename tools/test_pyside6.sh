@@ -10,10 +10,12 @@ WANTED=(PySide6_Essentials shiboken6)
 
 # Beside the environment rather than in it: the binding is chosen by name, not by what is missing.
 SITE=$ROOT/.venv-pyside6
-if [ ! -d "$SITE/PySide6" ]; then
+if [ "$(cat "$SITE/wanted" 2>/dev/null)" != "${WANTED[*]}" ]; then
+  rm -rf "$SITE"
   say "Installing PySide6 into $SITE"
   "$VENV/bin/python" -m pip install --quiet --no-input --disable-pip-version-check \
     --no-deps --target "$SITE" "${WANTED[@]}"
+  echo "${WANTED[*]}" >"$SITE/wanted"
 fi
 export PYTHONPATH=$SITE QT_API=pyside6 PYTEST_QT_API=pyside6
 if [ "$#" = 0 ]; then set -- tests/viewer; fi
