@@ -20,6 +20,7 @@ from .arrows import AxisArrow
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, POINT, TOOLS, SurfacePainter
+from .per_viewer import PerViewer
 from .placing import chart_of
 from .point_layers import PointLayers
 from .session import session_of
@@ -465,29 +466,20 @@ class Annotating(QObject):
             tell(error)
 
 
-_ANNOTATING: weakref.WeakKeyDictionary[Any, Annotating] = weakref.WeakKeyDictionary()
+def _begin(viewer: Any, annotating: Annotating) -> None:
+    # After the session, whose threads end first when the window closes.
+    annotating.use_canvas(canvas_of(viewer))
+    annotating.follow(session_of(viewer))
+
+
+_ANNOTATING = PerViewer(Annotating, _begin)
 
 
 def open_annotating(viewer: Any) -> Annotating | None:
     """What draws on the cell of a viewer, None while nothing does."""
-    return _ANNOTATING.get(getattr(viewer, "__wrapped__", viewer))
+    return _ANNOTATING.known(viewer)
 
 
 def annotating_of(viewer: Any) -> Annotating:
-    """What draws on the cell of a viewer; made when it is first asked for.
-
-    Parameters
-    ----------
-    viewer : napari.Viewer
-        Or the proxy of it that napari hands to plugins.
-    """
-    viewer = getattr(viewer, "__wrapped__", viewer)
-    annotating = _ANNOTATING.get(viewer)
-    if annotating is None:
-        window = viewer.window._qt_window
-        annotating = _ANNOTATING[viewer] = Annotating(viewer, window)
-        window.installEventFilter(annotating)
-        # After the session, whose threads end first when the window closes.
-        annotating.use_canvas(canvas_of(viewer))
-        annotating.follow(session_of(viewer))
-    return annotating
+    """What draws on a viewer's cell (or on that of napari's proxy); made when first asked for."""
+    return _ANNOTATING.of(viewer)

@@ -25,6 +25,7 @@ from .instance_annotation import PARTS, measured, parted, put_labels
 from .instance_filter import COLUMNS_FIRST, Filter, filter_from
 from .instance_look import look_at, strengths
 from .painting import BRUSH, LOOK
+from .per_viewer import PerViewer
 from .session import session_of
 from .step_states import RUNNING, STALE
 from .step_texts import DELETED, FINDING, NO_CELL, NOT_FOUND, OTHERS, POINT
@@ -469,29 +470,20 @@ class Instances(QObject):
         return super().eventFilter(watched, event)
 
 
-_INSTANCES: weakref.WeakKeyDictionary[Any, Instances] = weakref.WeakKeyDictionary()
+def _begin(viewer: Any, instances: Instances) -> None:
+    from .instance_picking import InstancePicking
+
+    InstancePicking(viewer, instances)
+
+
+_INSTANCES = PerViewer(Instances, _begin)
 
 
 def open_instances(viewer: Any) -> Instances | None:
     """The protrusions of a viewer's cell, if anyone asked for them before."""
-    return _INSTANCES.get(getattr(viewer, "__wrapped__", viewer))
+    return _INSTANCES.known(viewer)
 
 
 def instances_of(viewer: Any) -> Instances:
-    """The protrusions of a viewer's cell; made when they are first asked for.
-
-    Parameters
-    ----------
-    viewer : napari.Viewer
-        Or the proxy of it that napari hands to plugins.
-    """
-    from .instance_picking import InstancePicking
-
-    viewer = getattr(viewer, "__wrapped__", viewer)
-    instances = _INSTANCES.get(viewer)
-    if instances is None:
-        window = viewer.window._qt_window
-        instances = _INSTANCES[viewer] = Instances(viewer, window)
-        window.installEventFilter(instances)
-        InstancePicking(viewer, instances)
-    return instances
+    """The protrusions of a viewer's cell; made when they are first asked for."""
+    return _INSTANCES.of(viewer)

@@ -21,6 +21,7 @@ from .binding import warn_of_binding
 from .computing import Computation, Known, Outcome
 from .keeping import keeping
 from .layers import LayerData, atlas_charts
+from .per_viewer import PerViewer
 from .picture import Picture
 from .previews import Previews
 from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
@@ -486,25 +487,14 @@ def _with(parameters: Parameters, step: str, values: dict[str, Any]) -> Paramete
     return Parameters.from_dict(groups)
 
 
-_SESSIONS: weakref.WeakKeyDictionary[Any, Session] = weakref.WeakKeyDictionary()
+def _begin(_: Any, session: Session) -> None:
+    session.previews = Previews(session)
+    warn_of_binding()
+
+
+_SESSIONS = PerViewer(Session, _begin)
 
 
 def session_of(viewer: Any) -> Session:
-    """The one session of a viewer; made when it is first asked for.
-
-    Parameters
-    ----------
-    viewer : napari.Viewer
-        Or the proxy of it that napari hands to plugins.
-    """
-    viewer = getattr(viewer, "__wrapped__", viewer)
-    session = _SESSIONS.get(viewer)
-    if session is None:
-        # napari has no public signal for a closing window; its documentation uses this too.
-        window = viewer.window._qt_window
-        session = Session(viewer, window)
-        window.installEventFilter(session)
-        session.previews = Previews(session)
-        _SESSIONS[viewer] = session
-        warn_of_binding()
-    return session
+    """The one session of a viewer (or of napari's proxy of it); made when first asked for."""
+    return _SESSIONS.of(viewer)
