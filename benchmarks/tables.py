@@ -28,6 +28,17 @@ PAGES = PROJECT / "docs"
 PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 Results = dict[str, dict[str, Any]]
+PROTRUSION_KINDS = ("blebs", "lamellipodia", "filopodia")
+# The title of a row: the entry, and whether more is better.
+PROTRUSION_NUMBERS = {
+    "F1 at IoU ½": ("f1", True),
+    "IoU of the surface": ("iou", True),
+    "cortex to the true body (voxels)": ("cortex", False),
+    "volume: median error": ("volume", False),
+    "volume: bias": ("volume-bias", False),
+    "area: median error": ("area", False),
+    "height: median error": ("height", False),
+}
 
 # Groups of entries with one entry per case, in the order of the steps.
 CASES = {
@@ -199,6 +210,50 @@ def closeness_table(results: Results) -> str:
     return table(heads, rows)
 
 
+def references_table(results: Results) -> str:
+    """The flow against the opened cell, the worst of each kind's simulated cells."""
+    rows = []
+    for method in ("flow", "cortex", "second_cortex"):
+        for kind in PROTRUSION_KINDS:
+            cells = results.get(f"protrusions/reference/{method}/{kind}", {}).get("cells", [])
+            if cells:
+                rows.append(
+                    [
+                        f"`{method}`",
+                        kind,
+                        number(max(cell["distance_voxels"] for cell in cells)),
+                        f"{100 * max(cell['swallowed'] for cell in cells):.1f} %",
+                        number(max(cell["mean_abs_log_lambda"] for cell in cells)),
+                        number(max(cell["folded"] for cell in cells)),
+                    ]
+                )
+    heads = [
+        "`reference.method`",
+        "cells",
+        "distance (voxels)",
+        "swallowed",
+        "\\|log λ\\|",
+        "folded",
+    ]
+    return table(heads, rows)
+
+
+def protrusions_table(results: Results) -> str:
+    """The worst of each kind's simulated cells, from the true mask and from the recording."""
+    rows = []
+    for title, (quantity, least) in PROTRUSION_NUMBERS.items():
+        row = [title]
+        for kind in PROTRUSION_KINDS:
+            for suffix in ("", "-noisy"):
+                names = [f"protrusions/{quantity}{suffix}/{kind}-{seed}" for seed in range(3)]
+                values = [results[name]["value"] for name in names if name in results]
+                worst = min(values) if least else max(values)
+                row.append(number(worst))
+        rows.append(row)
+    heads = [f"{kind}{of}" for kind in PROTRUSION_KINDS for of in ("", ", noisy")]
+    return table(["", *heads], rows)
+
+
 def routes_table(results: Results) -> str:
     """Every route with the paper's figures beside it."""
     rows = []
@@ -310,6 +365,8 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "speed": speed_table,
     "advection": advection_table,
     "closeness": closeness_table,
+    "references": references_table,
+    "protrusions": protrusions_table,
     "routes": routes_table,
     "machine": machine_table,
     "quality": quality_table,
