@@ -117,6 +117,20 @@ def test_the_cortex_is_the_body(name: str) -> None:
     assert (cortex ^ body()).sum() < 0.012 * body().sum()
 
 
+def test_one_may_cover_half_of_the_cell() -> None:
+    """A cap on a stalk, over a whole half of the body."""
+    points = grid(SIZE)
+    away, above = np.linalg.norm(points, axis=-1), points[..., 0] > 0
+    stalk = (np.hypot(points[..., 1], points[..., 2]) < 4) & above & (points[..., 0] < 22)
+    cap = (away > 19) & (away < 23) & above
+    solid = (away < 15) | stalk | cap
+    result = found(solid)
+    assert result.volume.max() == 1
+    assert (result.volume[cap] == 1).all()
+    assert result.cortex[away < 13].all()
+    assert (result.labels > 0).mean() > 0.5
+
+
 def test_a_ball_has_no_height() -> None:
     result = segmented("ball")
     assert np.abs(result.height_um).max() < 0.6 * VOXEL_UM
