@@ -326,8 +326,12 @@ class PaintedTexture:
             Red, green, blue and opacity 0…1 of every label there is.
         visible : bool
         """
-        self._coverings[name] = _Covering(np.array(labels).ravel(), _table(colours), visible)
-        self._all()
+        before = self._coverings.get(name)
+        now = _Covering(np.array(labels).ravel(), _table(colours), visible)
+        self._coverings[name] = now
+        shown = [each.labels > 0 for each in (before, now) if each is not None and each.visible]
+        if shown:
+            self._show_pixels(np.flatnonzero(np.logical_or.reduce(shown)))
 
     def recolour(self, name: str, colours: Mapping[int, npt.ArrayLike], visible: bool) -> None:
         """Show an annotation in other colours, or hide it: only what differs is drawn."""
@@ -341,8 +345,9 @@ class PaintedTexture:
 
     def uncover(self, name: str) -> None:
         """Take an annotation away."""
-        self._coverings.pop(name, None)
-        self._all()
+        before = self._coverings.pop(name, None)
+        if before is not None and before.visible:
+            self._show_pixels(np.flatnonzero(before.labels))
 
     def change(self, name: str, pixels: Ints, values: npt.ArrayLike) -> None:
         """Give some pixels of an annotation other labels.
@@ -383,22 +388,31 @@ class PaintedTexture:
         return boxes
 
     def _all(self) -> None:
-        everything = np.arange(len(self._base))
-        self._show(everything, *np.divmod(everything, self._columns))
+        colour = self._base.astype(np.float32)
+        self._lay_over(colour, slice(None))
+        shown = (colour + 0.5).astype(np.uint8).reshape(self._skin.rows, self._columns, -1)
+        self.pixels[:, : self._columns] = shown
+        repeated = self._skin.repeated
+        self.pixels[:, self._columns : self._columns + repeated] = shown[:, :repeated]
         self._dirty = Box(0, self._skin.rows, 0, self._columns)
 
     def _show(self, pixels: Ints, row: Ints, column: Ints) -> None:
         colour = self._base[pixels].astype(np.float32)
-        for covering in self._coverings.values():
-            if covering.visible:
-                labels = np.minimum(covering.labels[pixels], len(covering.colours) - 1)
-                over = covering.colours[labels]
-                opacity = COVER * over[:, 3:]
-                colour += opacity * (255.0 * over[:, :3] - colour)
+        self._lay_over(colour, pixels)
         shown = (colour + 0.5).astype(np.uint8)
         self.pixels[row, column] = shown
         again = column < self._skin.repeated
         self.pixels[row[again], column[again] + self._columns] = shown[again]
+
+    def _lay_over(self, colour: npt.NDArray[np.float32], pixels: Ints | slice) -> None:
+        """Lay the visible annotations over the colours (k, 3) of some pixels."""
+        for covering in self._coverings.values():
+            if covering.visible:
+                labels = covering.labels[pixels]
+                drawn = np.flatnonzero(labels)
+                over = covering.colours[np.minimum(labels[drawn], len(covering.colours) - 1)]
+                opacity = COVER * over[:, 3:]
+                colour[drawn] += opacity * (255.0 * over[:, :3] - colour[drawn])
 
 
 def _joined(one: Box, other: Box) -> Box:
