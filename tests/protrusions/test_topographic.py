@@ -15,6 +15,7 @@ from napari_unwrap3d.errors import Cancelled
 from napari_unwrap3d.geometry.affinity import edge_affinity
 from napari_unwrap3d.geometry.laplacian import vertex_mass
 from napari_unwrap3d.geometry.sphere_grid import pixel_areas
+from napari_unwrap3d.geometry.topology import largest_parts
 from napari_unwrap3d.parameters import TopographicParameters
 from napari_unwrap3d.pipeline import Pipeline
 from napari_unwrap3d.progress import Progress, silent
@@ -221,7 +222,7 @@ def test_of_every_label_the_largest_part_stays() -> None:
     labels = np.zeros((6, 6, 6), np.int32)
     labels[:2, :2, :2], labels[5, 5, 5] = 3, 3
     labels[4, 0, 0] = 1
-    kept = volumes.largest_parts(labels)
+    kept = largest_parts(labels)
     assert kept[5, 5, 5] == 0
     assert (kept == 3).sum() == 8
     assert (kept == 1).sum() == 1

@@ -14,6 +14,7 @@ from scipy import ndimage, sparse
 from scipy.spatial import KDTree
 from scipy.special import ndtri
 
+from ..progress import Progress
 from .distance import FAR, distance_to, power_distance
 from .laplacian import Factor, cotangent_laplacian, mass_matrix
 from .marching import clamped_marching_cubes
@@ -118,6 +119,14 @@ def opening(depths: Field, radius: float) -> Opening:
     height -= np.float32(radius)
     height[core] = -depths[core]
     return Opening(height, radius)
+
+
+def open_by_part(solid: Solid, part: float, progress: Progress) -> tuple[Opening, float]:
+    """A solid opened by a ball of a part of the largest radius in it, and that radius in voxels."""
+    largest = progress.run(largest_radius, solid)
+    radius = part * largest
+    whole = progress.run(without_tunnels, solid, radius)
+    return progress.run(opening, progress.run(depth, whole, radius), radius), largest
 
 
 def continued(

@@ -8,6 +8,8 @@ import numpy.typing as npt
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from .union_find import root
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 
@@ -104,7 +106,7 @@ def _basins(indptr, indices, height, order):  # type: ignore[no-untyped-def]
             other = indices[at]
             if peak[other] < 0:
                 continue
-            a, b = _root(parent, peak[node]), _root(parent, peak[other])
+            a, b = root(parent, peak[node]), root(parent, peak[other])
             if a == b:
                 continue
             beside = peak[node]
@@ -114,11 +116,3 @@ def _basins(indptr, indices, height, order):  # type: ignore[no-untyped-def]
             parent[b], into[b] = a, beside
             persistence[b] = height[b] - height[node]
     return peak, into, persistence
-
-
-@numba.njit(nogil=True, cache=True)
-def _root(parent, node):  # type: ignore[no-untyped-def]
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node

@@ -51,6 +51,15 @@ def largest_part(solid: Solid) -> Solid:
     return largest
 
 
+def largest_parts(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The same labels (z, y, x), each on its largest 26-connected part only."""
+    kept = np.zeros_like(labels)
+    for label, box in enumerate(ndimage.find_objects(labels), start=1):
+        if box is not None:
+            kept[box][largest_part(labels[box] == label)] = label
+    return kept
+
+
 def euler_characteristic(solid: Solid) -> int:
     """Euler characteristic of a solid of closed cubes (26-connected).
 

@@ -13,6 +13,8 @@ import numba
 import numpy as np
 import numpy.typing as npt
 
+from .union_find import root
+
 Floats = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int64]
 Labels = npt.NDArray[np.int32]
@@ -221,14 +223,6 @@ def split_at_saddles(
 
 
 @numba.njit(nogil=True, cache=True)
-def _root(parent, i):  # type: ignore[no-untyped-def]
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
-
-
-@numba.njit(nogil=True, cache=True)
 def _watershed(neighbours, labels, height, order, share, least):  # type: ignore[no-untyped-def]
     n = len(labels)
     parent = np.arange(n)  # of basins, named after their peaks
@@ -250,7 +244,7 @@ def _watershed(neighbours, labels, height, order, share, least):  # type: ignore
         for k in range(neighbours.shape[1]):
             j = neighbours[i, k]
             if j >= 0 and basin[j] >= 0 and labels[j] == labels[i]:
-                a, b = _root(parent, basin[i]), _root(parent, basin[j])
+                a, b = root(parent, basin[i]), root(parent, basin[j])
                 if a != b:
                     if height[a] < height[b]:
                         a, b = b, a
@@ -258,5 +252,5 @@ def _watershed(neighbours, labels, height, order, share, least):  # type: ignore
                         parent[b] = a
     for i in range(n):
         if basin[i] >= 0:
-            basin[i] = _root(parent, basin[i])
+            basin[i] = root(parent, basin[i])
     return basin

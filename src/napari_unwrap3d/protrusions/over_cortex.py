@@ -21,11 +21,8 @@ from ..geometry.opening import (
     Solid,
     automatic_threshold,
     continued,
-    depth,
-    largest_radius,
-    opening,
+    open_by_part,
     roughness,
-    without_tunnels,
 )
 from ..geometry.topology import box_around
 from ..geometry.voxel_graph import voxel_graph
@@ -69,10 +66,8 @@ def over_cortex(
     """
     cell = _Cell.of(mask, surface)
     progress(0.0, "opening the cell by a ball")
-    largest = progress.run(largest_radius, cell.mask)
-    radius = parameters.radius * largest
-    whole = progress.run(without_tunnels, cell.mask, radius)
-    opened = progress.run(opening, progress.run(depth, whole, radius), radius)
+    opened, largest = open_by_part(cell.mask, parameters.radius, progress)
+    radius = opened.radius
     at_vertices = sample_linear(opened.height, cell.points)
 
     progress(0.4, "telling protrusions apart")

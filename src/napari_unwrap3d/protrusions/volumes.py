@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 
 from ..geometry.interpolate import sample_nearest
+from ..geometry.topology import largest_parts
 from ..geometry.voxel_graph import spread, voxel_graph
 
 Field = npt.NDArray[np.float32]
@@ -17,7 +17,6 @@ Labels = npt.NDArray[np.int32]
 Solid = npt.NDArray[np.bool_]
 
 BEYOND = (0.0, 0.7, 1.4)  # how far above a level a label is looked for
-EVERY_NEIGHBOUR = np.ones((3, 3, 3))
 
 
 def down_to_cortex(
@@ -49,7 +48,7 @@ def down_to_cortex(
     if over > 0:
         between = mask & (whole == 0) & (height > 0) & (height <= over)
         whole[between] = _outward(whole, height, between, over)
-    return one_piece_each(whole)
+    return largest_parts(whole)
 
 
 def _outward(labels: Labels, height: Field, chosen: Solid, level: float) -> Labels:
@@ -75,17 +74,3 @@ def _slope(field: Field, index: npt.NDArray[np.int64]) -> npt.NDArray[np.float64
     length = np.linalg.norm(slope, axis=1, keepdims=True)
     unit: npt.NDArray[np.float64] = slope / np.maximum(length, 1e-6)
     return unit
-
-
-def one_piece_each(labels: Labels) -> Labels:
-    """Only the largest 26-connected piece of every label."""
-    out = labels.copy()
-    for label, box in enumerate(ndimage.find_objects(labels), start=1):
-        if box is None:
-            continue
-        mine = labels[box] == label
-        pieces, count = ndimage.label(mine, EVERY_NEIGHBOUR)
-        if count > 1:
-            largest = 1 + int(np.argmax(np.bincount(pieces.ravel())[1:]))
-            out[box][mine & (pieces != largest)] = 0
-    return out

@@ -9,10 +9,7 @@ from scipy import ndimage
 from ..geometry.opening import (
     automatic_threshold,
     continued,
-    depth,
-    largest_radius,
-    opening,
-    without_tunnels,
+    open_by_part,
 )
 from ..geometry.topology import box_around
 from ..progress import Progress
@@ -47,15 +44,13 @@ def cortex_depth(solid: Solid, radius: float, twice: bool, progress: Progress) -
     box = box_around(solid, MARGIN)
     inner = np.ascontiguousarray(solid[box])
     progress(0.0, "opening the cell by a ball")
-    ball = radius * largest_radius(inner)
-    whole = progress.run(without_tunnels, inner, ball)
-    opened = progress.run(opening, progress.run(depth, whole, ball), ball)
+    opened, _ = open_by_part(inner, radius, progress)
     height = opened.height
     if twice:
         shell = inner & ~ndimage.binary_erosion(inner)
         threshold = automatic_threshold(height[shell])
         above = inner & (height > threshold)
-        height = progress.run(continued, inner, opened, above, threshold, REACH * ball)
+        height = progress.run(continued, inner, opened, above, threshold, REACH * opened.radius)
     below = np.full(solid.shape, -FAR_OUTSIDE, np.float32)
     below[box] = np.maximum(-height, -FAR_OUTSIDE)
     return below

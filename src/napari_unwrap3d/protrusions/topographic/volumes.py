@@ -14,7 +14,6 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
-from scipy import ndimage
 from scipy.spatial import cKDTree
 from skimage.segmentation import watershed
 
@@ -22,6 +21,7 @@ from ...charts import UV, Floats, Mask, Surface, Topography
 from ...geometry.distance import distance_to
 from ...geometry.padding import pad_sphere, sample_uv_linear
 from ...geometry.sphere_grid import enlarge, fill_harmonic, shrink
+from ...geometry.topology import largest_parts
 from ...progress import Progress
 from ...unwrapping.outermost import OutermostSurface
 from ...unwrapping.topography import TopographyLocator
@@ -35,7 +35,6 @@ FILL_ROWS = 256
 MARGIN = 16
 # Voxels beyond the nearest labelled node that may still be a protrusion's.
 REACH = 1.5
-CORNERS_TOO = np.ones((3, 3, 3), bool)
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,17 +231,3 @@ def _at_places(shell: LabelledShell, topography: Topography, places: Floats) -> 
     column = np.rint(places[:, 2]).astype(np.int64) % columns
     labels = shell.labels[np.clip(layer, 0, layers - 1), row, column]
     return np.where((layer >= 0) & (layer < layers), labels, 0)
-
-
-def largest_parts(volume: Labels) -> Labels:
-    """The same labels (z, y, x), each on its largest connected part only (over corners)."""
-    kept = np.zeros_like(volume)
-    for label, box in enumerate(ndimage.find_objects(volume), start=1):
-        if box is None:
-            continue
-        own = volume[box] == label
-        parts, count = ndimage.label(own, CORNERS_TOO)
-        if count > 1:
-            own = parts == 1 + np.argmax(np.bincount(parts.ravel())[1:])
-        kept[box][own] = label
-    return kept
