@@ -12,6 +12,8 @@ The public API in one screen::
     atlas.annotations.add("cell bottom")                        # drawn on one chart, on all
     protrusions = unwrap3d.segment_protrusions(atlas)           # .labels, .volume, .table
     atlas.save("cell.unwrap3d")
+    movie = unwrap3d.unwrap_movie(stack_with_t)                 # one space for all timepoints
+    curvature = movie.uv("mean_curvature_per_um")               # (t, v, u), lazily
 """
 
 from __future__ import annotations
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from .files.meshes import read_mesh
     from .files.stacks import read_stack
     from .geometry.compare import compare_meshes
+    from .motion.movie import Movie, load_movie, unwrap_movie
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
     from .protrusions.editing import ProtrusionEdits
@@ -76,6 +79,9 @@ _LAZY = {
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
     "compare_meshes": "geometry.compare",
+    "Movie": "motion.movie",
+    "load_movie": "motion.movie",
+    "unwrap_movie": "motion.movie",
     "Parameters": "parameters",
     "Pipeline": "pipeline",
     "unwrap": "pipeline",
@@ -90,6 +96,7 @@ __all__ = [
     "Atlas",
     "Cancelled",
     "Mask",
+    "Movie",
     "Parameters",
     "Pipeline",
     "Plane",
@@ -108,6 +115,7 @@ __all__ = [
     "compare_meshes",
     "export_annotations",
     "load",
+    "load_movie",
     "read_mesh",
     "read_stack",
     "sample_signal",
@@ -115,6 +123,7 @@ __all__ = [
     "segment_protrusions",
     "simulate",
     "unwrap",
+    "unwrap_movie",
     "uv_views",
 ]
 

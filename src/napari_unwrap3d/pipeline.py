@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .atlas import Atlas
-from .charts import Mask, Stack, Surface
+from .charts import Mask, Stack, Surface, TemporalMask
 from .errors import InputError, ParameterError
 from .imaging.segment import check_mask, segment
 from .parameters import Parameters
@@ -275,6 +275,9 @@ def _source_key(source: Source) -> str:
     if isinstance(source, Surface):
         fields = [part for field in source.fields.items() for part in field]
         return content_hash("surface", source.vertices, source.faces, *fields)
+    if isinstance(source, TemporalMask):
+        held = (source.ever, source.always)
+        return content_hash("mask", source.data, source.voxel_size, source.origin, *held)
     if isinstance(source, Mask):
         return content_hash("mask", source.data, source.voxel_size, source.origin)
     # A stack is lazy and may not fit into memory: it is known by where it came from.
@@ -352,6 +355,7 @@ def _uv(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
 
 def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) -> Any:
     cell, mask = pipeline.value("surface"), pipeline.value("stack")
+    source = pipeline.source
     chart = topography(
         cell,
         mask,
@@ -361,6 +365,7 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
         parameters.topography,
         parameters.surface,
         progress.part(0.0, 0.9),
+        source.reach() if isinstance(source, TemporalMask) else None,
     )
     progress(0.9, "measuring the maps")
     outermost = OutermostSurface(cell, chart)

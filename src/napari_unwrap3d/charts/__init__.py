@@ -19,6 +19,7 @@ from .meshes import (
     check_mesh_arrays,
     whole_numbers,
 )
+from .movies import Frame
 from .protrusions import MOTIFS, Protrusions
 from .volumes import (
     AXES,
@@ -30,6 +31,7 @@ from .volumes import (
     Mask,
     Size3,
     Stack,
+    TemporalMask,
     Volume,
     check_voxel_size,
 )
@@ -39,6 +41,7 @@ __all__ = [
     "AXES",
     "Direct",
     "Floats",
+    "Frame",
     "Ints",
     "LARGEST_ANISOTROPY",
     "LARGEST_VOXEL_UM",
@@ -53,6 +56,7 @@ __all__ = [
     "Sphere",
     "Stack",
     "Surface",
+    "TemporalMask",
     "Topography",
     "TriangleMesh",
     "UV",

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+from scipy import ndimage
 
 from ..errors import AxesError, InputError, NotFiniteError, VoxelSizeMissingError
 
@@ -19,6 +20,7 @@ AXES = "tczyx"
 # A picometre and a metre: beyond, the unit was mistaken.
 SMALLEST_VOXEL_UM, LARGEST_VOXEL_UM = 1e-6, 1e6
 LARGEST_ANISOTROPY = 100.0
+LARGEST_REACH_SAMPLE = 20_000
 
 
 def check_voxel_size(voxel_size: Any) -> Size3:
@@ -184,3 +186,37 @@ class Mask(Volume):
                 )
             data = data != 0
         object.__setattr__(self, "data", data)
+
+
+@dataclass(frozen=True, eq=False)
+class TemporalMask(Mask):
+    """One mask for all timepoints of a movie, around which their common space is built.
+
+    Attributes
+    ----------
+    ever, always : ndarray, (z, y, x) bool
+        The voxels that are inside at one timepoint at least, and at all of them, on the same
+        grid: the common space has to hold what lies between.
+    """
+
+    ever: Any = None
+    always: Any = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("ever", "always"):
+            if np.shape(getattr(self, name)) != self.shape:
+                raise AxesError(
+                    f"The voxels that are {name} inside are on the mask's grid.",
+                    mask=self.shape,
+                    found=np.shape(getattr(self, name)),
+                )
+
+    def reach(self, count: int = LARGEST_REACH_SAMPLE) -> Floats:
+        """Points (n, 3) in µm, at most about `count`, on the borders of `ever` and `always`."""
+        borders = [
+            solid & ~ndimage.binary_erosion(solid, border_value=1)
+            for solid in (self.ever, self.always)
+        ]
+        points = np.concatenate([np.argwhere(border) for border in borders])
+        return self.to_world(points[:: max(len(points) // count, 1)])

@@ -262,6 +262,61 @@ def load_project(path: str | Path, progress: Progress | None = None) -> Atlas:
     return atlas
 
 
+# Records: a few charts in a file of their own ----------------------------------------
+
+
+def write_record(
+    path: Path, record: Mapping[str, Any], key: str, numbers: Mapping[str, Any]
+) -> None:
+    """Write a few charts, what they were made from and what was measured into one file.
+
+    Parameters
+    ----------
+    path : Path
+        Replaced only when the new one is complete.
+    record : mapping of str to chart
+    key : str
+        Hash of what they were made from.
+    numbers : mapping
+    """
+    import zarr
+    from zarr.storage import ZipStore
+
+    attributes = {
+        "format": FORMAT,
+        "schema_version": SCHEMA_VERSION,
+        "key": key,
+        "numbers": plain(numbers),
+    }
+    with replacing(path) as partial, ZipStore(partial, mode="w") as store:
+        root = zarr.create_group(store, attributes=attributes)
+        for name, chart in record.items():
+            _write_group(root, name, chart, silent())
+
+
+def read_record(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """The charts that :func:`write_record` wrote, and the numbers.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As in :func:`load_project`.
+    """
+    with opened(path) as root:
+        numbers = dict(from_plain(root.attrs.asdict().get("numbers", {})))
+        return {name: _read_group(group, silent()) for name, group in root.groups()}, numbers
+
+
+def record_key(path: Path) -> str | None:
+    """What a record was made from; None without a readable one."""
+    try:
+        with zipfile.ZipFile(path) as archive:
+            key = read_node(archive, NODE).get("attributes", {}).get("key")
+    except (OSError, zipfile.BadZipFile, Unwrap3DError, KeyError):
+        return None
+    return key if isinstance(key, str) else None
+
+
 def load_surface(path: str | Path) -> charts.Surface:
     """The surface of a saved atlas, without its other charts.
 

@@ -6,12 +6,16 @@ coordinates, so that they do not depend on which box of the image was read.
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import TypeVar
+
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
 from ..charts import Floats, Mask, Size3, Volume
 from ..errors import ParameterError
+from ..geometry.rigid import Rigid
 
 # Positions and sizes that agree to this fraction of a voxel are the same.
 SAME = 1e-6
@@ -19,13 +23,15 @@ SAME = 1e-6
 TIE = 1e-4
 LARGEST_GRID = 1 << 30
 
+AnyVolume = TypeVar("AnyVolume", bound=Volume)
+
 
 def is_isotropic(voxel_size: Size3, edge: float) -> bool:
     """True when the voxel is a cube of this edge."""
     return bool(np.allclose(voxel_size, edge, rtol=SAME, atol=0.0))
 
 
-def to_working_grid(volume: Volume, working_voxel_um: float) -> Volume:
+def to_working_grid(volume: Volume, working_voxel_um: float, pose: Rigid | None = None) -> Volume:
     """Resample intensities linearly to isotropic voxels.
 
     Where the working voxel is larger than the volume's, the volume is smoothed first so
@@ -37,6 +43,8 @@ def to_working_grid(volume: Volume, working_voxel_um: float) -> Volume:
         Any voxel size. Nothing is computed along axes that fit already.
     working_voxel_um : float
         Edge of the isotropic voxel in µm.
+    pose : Rigid, optional
+        Where the volume's world lies in that of the working grid.
 
     Returns
     -------
@@ -48,6 +56,7 @@ def to_working_grid(volume: Volume, working_voxel_um: float) -> Volume:
     ParameterError
         The working grid would have more than 2³⁰ voxels.
     """
+    volume = shifted(volume, pose)
     data = np.asarray(volume.data, dtype=np.float32)
     ratio = working_voxel_um / np.asarray(volume.voxel_size)
     # A box of `ratio` voxels has the variance (ratio² − 1) / 12 in excess of a voxel's own.
@@ -62,7 +71,7 @@ def to_working_grid(volume: Volume, working_voxel_um: float) -> Volume:
     return Volume(data, (edge, edge, edge), (origin[0], origin[1], origin[2]))
 
 
-def mask_to_working_grid(mask: Mask, working_voxel_um: float) -> Mask:
+def mask_to_working_grid(mask: Mask, working_voxel_um: float, pose: Rigid | None = None) -> Mask:
     """Resample a mask to isotropic voxels through its signed distance in µm.
 
     Interpolating zeros and ones linearly would put every boundary half-way between two
@@ -76,6 +85,8 @@ def mask_to_working_grid(mask: Mask, working_voxel_um: float) -> Mask:
         Returned as it is where its voxels fit already.
     working_voxel_um : float
         Edge of the isotropic voxel in µm.
+    pose : Rigid, optional
+        Where the mask's world lies in that of the working grid.
 
     Returns
     -------
@@ -87,8 +98,10 @@ def mask_to_working_grid(mask: Mask, working_voxel_um: float) -> Mask:
     ParameterError
         The working grid would have more than 2³⁰ voxels.
     """
-    if is_isotropic(mask.voxel_size, working_voxel_um):
+    unmoved = pose is None or pose.is_identity
+    if is_isotropic(mask.voxel_size, working_voxel_um) and unmoved:
         return mask
+    mask = shifted(mask, pose)
     size = np.asarray(mask.voxel_size)
     padded = np.pad(mask.data, 1)
     origin = np.asarray(mask.origin) - size
@@ -107,6 +120,14 @@ def mask_to_working_grid(mask: Mask, working_voxel_um: float) -> Mask:
     odd = np.sum(np.unravel_index(undecided, distance.shape), axis=0) % 2 == 1
     inside.ravel()[undecided[odd]] = True
     return Mask(inside, (edge, edge, edge), (first[0], first[1], first[2]))
+
+
+def shifted(volume: AnyVolume, pose: Rigid | None) -> AnyVolume:
+    """The volume at the place where a motion takes it; nothing is interpolated."""
+    if pose is None or pose.is_identity:
+        return volume
+    z, y, x = pose.apply(volume.origin)
+    return replace(volume, origin=(float(z), float(y), float(x)))
 
 
 def _grid(volume: Volume, edge: float) -> tuple[Floats, list[Floats]]:

@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from ..charts import Mask, Size3, Stack
 from ..errors import InputError
+from ..geometry.rigid import Rigid
 from ..parameters import StackParameters
 from ..progress import Progress, silent
 from .deconvolve import chosen_psf, read_deconvolved
@@ -50,7 +51,10 @@ PIECES_PER_VALUE = 1.5
 
 
 def segment(
-    stack: Stack, parameters: StackParameters | None = None, progress: Progress | None = None
+    stack: Stack,
+    parameters: StackParameters | None = None,
+    progress: Progress | None = None,
+    pose: Rigid | None = None,
 ) -> tuple[Mask, dict[str, Any]]:
     """Find the cell in a stack.
 
@@ -65,6 +69,9 @@ def segment(
     stack : Stack
     parameters : StackParameters, optional
     progress : Progress, optional
+    pose : Rigid, optional
+        Where the stack's world lies in the mask's: of a timepoint, in the first one's. Intensities
+        are interpolated once, from the stack's own voxels to the mask's grid.
 
     Returns
     -------
@@ -97,13 +104,16 @@ def segment(
     volume = chosen_volume(stack, chosen.timepoint, chosen.channel)
     crop = crop_box(volume.shape, stack.voxel_size, chosen)
     if crop is None:
-        return _cell(volume, stack.voxel_size, chosen, report_to)
-    mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to)
+        return _cell(volume, stack.voxel_size, chosen, report_to, pose)
+    mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to, pose)
     return moved(mask, crop, stack.voxel_size), _with_crop(report, crop)
 
 
 def check_mask(
-    mask: Mask, parameters: StackParameters | None = None, progress: Progress | None = None
+    mask: Mask,
+    parameters: StackParameters | None = None,
+    progress: Progress | None = None,
+    pose: Rigid | None = None,
 ) -> tuple[Mask, dict[str, Any]]:
     """Take a mask as it is: largest component, isotropic voxels, room on all sides.
 
@@ -129,28 +139,34 @@ def check_mask(
     edge = chosen.working_voxel_um or min(mask.voxel_size)
     crop = crop_box(mask.shape, mask.voxel_size, chosen, mask.origin)
     part = mask if crop is None else cropped_mask(mask, crop)
-    found, report = _finished_mask(part, part.shape, edge, chosen, "mask", progress or silent())
+    found, report = _finished_mask(
+        part, part.shape, edge, chosen, "mask", progress or silent(), pose=pose
+    )
     return found, report if crop is None else _with_crop(report, crop)
 
 
 def _cell(
-    volume: Any, voxel_size: Size3, parameters: StackParameters, progress: Progress
+    volume: Any,
+    voxel_size: Size3,
+    parameters: StackParameters,
+    progress: Progress,
+    pose: Rigid | None = None,
 ) -> tuple[Mask, dict[str, Any]]:
     """The cell in one volume, taken for a label image, a mask or an image."""
     edge = parameters.working_voxel_um or min(voxel_size)
     if parameters.label is not None:
-        return _one_value(volume, voxel_size, edge, parameters, parameters.label, progress)
+        return _one_value(volume, voxel_size, edge, parameters, parameters.label, progress, pose)
     psf = chosen_psf(parameters, voxel_size, volume.shape)
     found = scan(volume, voxel_size, progress.part(0.0, 0.3))
     if found.two_values and found.highest > found.lowest:
-        return _one_value(volume, voxel_size, edge, parameters, found.highest, progress)
+        return _one_value(volume, voxel_size, edge, parameters, found.highest, progress, pose)
     if _looks_like_labels(volume):
         raise InputError(
             "This looks like a label image, and no label was chosen.",
             highest=found.highest,
             hint="Choose the cell's label (parameter stack.label, or --label).",
         )
-    return _image(volume, voxel_size, edge, parameters, found, psf, progress)
+    return _image(volume, voxel_size, edge, parameters, found, psf, progress, pose)
 
 
 def _with_crop(report: dict[str, Any], crop: Box) -> dict[str, Any]:
@@ -172,6 +188,7 @@ def _one_value(
     parameters: StackParameters,
     value: float,
     progress: Progress,
+    pose: Rigid | None,
 ) -> tuple[Mask, dict[str, Any]]:
     """The voxels of one value, as they are."""
     given = parameters.label is not None
@@ -189,7 +206,7 @@ def _one_value(
     mask = Mask(part.data == value, part.voxel_size, part.origin)
     kind = "label" if given else "mask"
     return _finished_mask(
-        mask, volume.shape, edge, parameters, kind, progress.part(0.5, 1.0), around
+        mask, volume.shape, edge, parameters, kind, progress.part(0.5, 1.0), around, pose
     )
 
 
@@ -201,6 +218,7 @@ def _finished_mask(
     kind: str,
     progress: Progress,
     box: Box | None = None,
+    pose: Rigid | None = None,
 ) -> tuple[Mask, dict[str, Any]]:
     if mask.shape == tuple(image_shape):
         check_not_trivial(mask.data, MASK_HINT)
@@ -216,7 +234,7 @@ def _finished_mask(
     contact = np.where(sides_at_border(box, image_shape), touched_sides(data), 0)
     progress(0.5, "working grid")
     whole = Mask(data, mask.voxel_size, mask.origin)
-    working = progress.run(mask_to_working_grid, whole, edge)
+    working = progress.run(mask_to_working_grid, whole, edge, pose)
     check_not_trivial(working.data, "Choose a smaller working voxel.")
     progress(0.9, "border")
     extent = np.asarray(image_shape) * np.asarray(mask.voxel_size)
@@ -237,13 +255,14 @@ def _image(
     found: Scan,
     psf: Image | None,
     progress: Progress,
+    pose: Rigid | None,
 ) -> tuple[Mask, dict[str, Any]]:
     """Find the cell's box on the coarse copy, segment it, and grow the box where it is cut."""
     progress(0.3, "looking for the cell")
     box, others = _coarse_boxes(volume.shape, voxel_size, edge, parameters, found, progress)
     while True:
         part = progress.part(0.4, 0.9)
-        cell, report = _segment_box(volume, voxel_size, edge, parameters, box, psf, part)
+        cell, report = _segment_box(volume, voxel_size, edge, parameters, box, psf, part, pose)
         on_border = sides_at_border(box, volume.shape)
         touched = touched_sides(cell.data)
         cut = (touched > 0) & ~on_border
@@ -310,6 +329,7 @@ def _segment_box(
     box: Box,
     psf: Image | None,
     progress: Progress,
+    pose: Rigid | None,
 ) -> tuple[Mask, dict[str, Any]]:
     progress(0.0, "reading the cell")
     if psf is None:
@@ -318,7 +338,7 @@ def _segment_box(
         during = progress.part(0.0, 0.1)
         part = read_deconvolved(volume, voxel_size, box, psf, parameters, during)
     progress(0.1, "working grid")
-    working = progress.run(to_working_grid, part, edge)
+    working = progress.run(to_working_grid, part, edge, pose)
     mask, threshold = foreground(
         working.data, working.voxel_size, edge, parameters, progress.part(0.2, 0.6)
     )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from ..charts import Floats, Mask, Size3, Volume
 from ..errors import InputError, NotFiniteError, ParameterError
 from ..geometry.distance import signed_distance
 from ..geometry.interpolate import sample_linear
+from ..geometry.rigid import Rigid
 from ..progress import Progress
 from .scan import read_box
 
@@ -106,6 +108,7 @@ def surface_signal(
     depth_um: float,
     percentile: float | None,
     progress: Progress,
+    pose: Rigid | None = None,
 ) -> Floats:
     """The percentile, or the mean, of an image along the path inwards from every point.
 
@@ -121,6 +124,8 @@ def surface_signal(
     percentile : float or None
         0 to 100; None: the mean.
     progress : Progress
+    pose : Rigid, optional
+        Where the image's world lies in that of the points.
 
     Returns
     -------
@@ -134,13 +139,18 @@ def surface_signal(
         part = slice(begin, begin + CHUNK)
         values, left = [], np.zeros(len(points[part]), dtype=bool)
         for place, going in path_points(field, points[part], depth_um, steps):
-            found = intensities(image, place)
+            found = intensities(image, own(place, pose))
             left |= np.isnan(found) & going
             values.append(np.where(going, found, np.nan))
         samples = np.stack(values)
         along = mean_along(samples) if percentile is None else percentile_along(samples, percentile)
         result[part] = np.where(left, np.nan, along)
     return result
+
+
+def own(points: Floats, pose: Rigid | None) -> Floats:
+    """Points (n, 3) in µm in the world of an image that a motion brought to its place."""
+    return points if pose is None or pose.is_identity else pose.inverse().apply(points)
 
 
 def intensities(image: Volume, points: Floats) -> Floats:
@@ -177,8 +187,12 @@ def percentile_along(samples: Floats, percentile: float) -> Floats:
     return result
 
 
-def whole_cell_mean(image: Volume, mask: Mask, progress: Progress) -> float:
+def whole_cell_mean(
+    image: Volume, mask: Mask, progress: Progress, pose: Rigid | None = None
+) -> float:
     """Mean intensity in the mask, as far as the image reaches.
+
+    `pose` is where the image's world lies in the mask's.
 
     Raises
     ------
@@ -190,7 +204,7 @@ def whole_cell_mean(image: Volume, mask: Mask, progress: Progress) -> float:
         progress(plane / mask.shape[0], "mean of the cell")
         row, column = np.nonzero(mask.data[plane])
         index = np.column_stack([np.full(len(row), plane), row, column])
-        found = intensities(image, mask.to_world(index))
+        found = intensities(image, own(mask.to_world(index), pose))
         total += float(np.nansum(found))
         count += int((~np.isnan(found)).sum())
     mean = total / count if count else 0.0
@@ -204,8 +218,12 @@ def whole_cell_mean(image: Volume, mask: Mask, progress: Progress) -> float:
     return mean
 
 
-def around_cell(volume: Any, voxel_size: Size3, mask: Mask, points: Floats) -> Volume:
+def around_cell(
+    volume: Any, voxel_size: Size3, mask: Mask, points: Floats, pose: Rigid | None = None
+) -> Volume:
     """The part of a lazy volume around a mask and points, in memory.
+
+    `pose` is where the volume's world lies in theirs.
 
     Raises
     ------
@@ -215,9 +233,10 @@ def around_cell(volume: Any, voxel_size: Size3, mask: Mask, points: Floats) -> V
         There are NaN or infinite intensities.
     """
     shape = np.asarray(volume.shape)
-    corners = mask.to_world(np.array([(0, 0, 0), mask.shape]))
-    low = np.minimum(corners[0], points.min(axis=0)) / voxel_size
-    high = np.maximum(corners[1], points.max(axis=0)) / voxel_size
+    ends = np.array([*product(*zip((0, 0, 0), mask.shape, strict=True))])
+    corners, points = own(mask.to_world(ends), pose), own(points, pose)
+    low = np.minimum(corners.min(axis=0), points.min(axis=0)) / voxel_size
+    high = np.maximum(corners.max(axis=0), points.max(axis=0)) / voxel_size
     first = np.clip(np.floor(low).astype(np.int64), 0, shape - 2)
     last = np.clip(np.ceil(high).astype(np.int64) + 1, first + 2, shape)
     z, y, x = (slice(int(a), int(b)) for a, b in zip(first, last, strict=True))

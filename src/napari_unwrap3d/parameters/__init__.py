@@ -16,6 +16,7 @@ from pydantic import Field, ValidationError
 from ..errors import ParameterError
 from .base import StepParameters, setting
 from .imaging import SealedParameters, StackParameters, SurfaceParameters
+from .movie import MovieParameters, RegistrationParameters
 from .protrusions import ProtrusionParameters
 from .refinement import RefinementParameters
 from .topographic import TopographicParameters
@@ -32,11 +33,13 @@ __all__ = [
     "PAPER",
     "PRESETS",
     "DirectParameters",
+    "MovieParameters",
     "Parameters",
     "PlaneParameters",
     "ProtrusionParameters",
     "ReferenceParameters",
     "RefinementParameters",
+    "RegistrationParameters",
     "SealedParameters",
     "SphereParameters",
     "StackParameters",
@@ -75,6 +78,10 @@ class Parameters(StepParameters):
     refinement: RefinementParameters = Field(
         default_factory=RefinementParameters, title="Refinement of protrusions"
     )
+    registration: RegistrationParameters = Field(
+        default_factory=RegistrationParameters, title="Registration"
+    )
+    movie: MovieParameters = Field(default_factory=MovieParameters, title="Movie")
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

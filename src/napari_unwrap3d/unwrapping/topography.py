@@ -64,6 +64,7 @@ def topography(
     parameters: TopographyParameters,
     surface_parameters: SurfaceParameters,
     progress: Progress,
+    enclosed: Floats | None = None,
 ) -> Topography:
     """Propagate the reference along its normals and map the cell into (d, u, v).
 
@@ -75,13 +76,17 @@ def topography(
         The same cell as a volume, mapped by interpolation and meshed as in the paper.
     reference, sphere, uv
         The charts of Steps 1–4.
+    enclosed : ndarray, (k, 3), optional
+        Points in µm that the space has to hold besides the surface: where the cell is at other
+        timepoints.
     """
     assert reference.mask is not None
-    field = normal_field(reference.mask, surface.vertices, progress.part(0.0, 0.2))
+    held = surface.vertices if enclosed is None else np.concatenate([surface.vertices, enclosed])
+    field = normal_field(reference.mask, held, progress.part(0.0, 0.2))
     step = parameters.step_voxels
     if parameters.automatic_step:
         step = automatic_step(uv.positions, mask.voxel_size[0])
-    inward, outward, voxel_step = _extent(field, surface, parameters, step)
+    inward, outward, voxel_step = _extent(field, held, parameters, step)
     start, part = _start_points(reference, sphere, uv), progress.part(0.2, 0.55)
     if parameters.propagation == "active_contour":
         nodes, first_layer = contour_nodes(
@@ -96,7 +101,7 @@ def topography(
     progress(0.6, "mapping the surface")
     d_um = np.asarray((np.arange(len(nodes)) - inward) * step_um, dtype=np.float64)
     locator = TopographyLocator(nodes, d_um, edge)
-    image, _ = locator.locate(surface.vertices, progress.part(0.6, 0.7))
+    image, _ = locator.locate(held, progress.part(0.6, 0.7))
     progress(0.7, "checking the Jacobian")
     low, high = _layers_needed(image, d_um, first_layer.shape, inward)
     last_layer = np.full(first_layer.shape, len(nodes) - 1)
@@ -105,7 +110,8 @@ def topography(
     for row in (0, -1):  # all columns of a pole are one and the same
         first_layer[row], last_layer[row] = first_layer[row].max(), last_layer[row].min()
     repeat_ends(nodes, first_layer, last_layer)
-    grid = _to_grid(image, d_um, uv.shape[0])
+    image = image[: len(surface.vertices)]
+    grid = to_grid(image, d_um, uv.shape[0])
     image[~in_columns(grid, first_layer, last_layer)] = np.nan
     smoothing = parameters.smoothing_voxels
     # Where the paper's smoothing follows, the mapped mask is binary.
@@ -133,15 +139,15 @@ def topography(
 
 
 def _extent(
-    field: NormalField, surface: Surface, parameters: TopographyParameters, step: float
+    field: NormalField, held: Floats, parameters: TopographyParameters, step: float
 ) -> tuple[int, int, float]:
     """Numbers of layers inwards and outwards, and their distance in voxels (α).
 
-    D_out encloses the whole surface. D_in is the parameter, or at least the paper's 40
-    steps of ½ voxel and as deep as the surface goes below the reference.
+    D_out encloses all points (n, 3) in µm that are to be held. D_in is the parameter, or at
+    least the paper's 40 steps of ½ voxel and as deep as they go below the reference.
     """
     edge = field.distance.voxel_size[0]
-    length = field.arc_length(surface.vertices)
+    length = field.arc_length(held)
     margin = parameters.margin_voxels
     highest = max(float(np.nanmax(length, initial=0.0)), 0.0)
     deepest = max(-float(np.nanmin(length, initial=0.0)), 0.0)
@@ -348,21 +354,21 @@ def locate_in_columns(
     """(d µm, v, u) of points (n, 3) in µm, NaN where no column reaches."""
     locator = TopographyLocator(chart.nodes, chart.d_um, voxel_um)
     image, _ = locator.locate(points, progress)
-    grid = _to_grid(image, chart.d_um, chart.shape[1])
+    grid = to_grid(image, chart.d_um, chart.shape[1])
     image[~in_columns(grid, chart.first_layer, chart.last_layer)] = np.nan
     return image
 
 
 def topography_to_world(chart: Topography, points: Floats) -> tuple[Floats, Any]:
     """Positions (n, 3) in µm of points (d µm, v, u), and whether they are in the space."""
-    grid = _to_grid(points, chart.d_um, chart.shape[1])
+    grid = to_grid(points, chart.d_um, chart.shape[1])
     valid = in_columns(grid, chart.first_layer, chart.last_layer)
     world = evaluate(chart.nodes, np.where(valid[:, None], grid, 0.0))
     world[~valid] = np.nan
     return world, valid
 
 
-def _to_grid(points: Floats, d_um: Floats, rows: int) -> Floats:
+def to_grid(points: Floats, d_um: Floats, rows: int) -> Floats:
     """Grid coordinates (layer, row, column) of points (d µm, v, u)."""
     vu = wrap_uv(points[:, 1:], rows)
     layer = (points[:, 0] - d_um[0]) / (d_um[1] - d_um[0])

@@ -1,0 +1,205 @@
+"""The folder of a movie while it is made, and the one file that it is saved in.
+
+Every piece of work is one file that appears when it is complete, with the key of what it was
+made from: what is there need not be made again, and nothing half-written is taken for done.
+
+Layout::
+
+    movie.json                  format, schema version, parameters (TOML text), times, source
+    registration/00012.json     where timepoint 12 lies in the common world
+    masks/00012.zip             its mask there
+    common.json                 which common space, why, and its key
+    common.unwrap3d             the atlas of the common space, with its annotations
+    frames/00012.zip            the frame
+    frames/00012.unwrap3d       its own atlas, where every timepoint has one
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import zipfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ..charts import Frame, Mask
+from ..errors import FileFormatError, InputError
+from ..imaging.register import Registered
+from .atomic import replacing, write_json
+from .project import SUFFIX, read_record, record_key, write_record
+
+FORMAT = "napari-unwrap3d movie"
+SCHEMA_VERSION = 1
+MANIFEST = "movie.json"
+COMMON = f"common{SUFFIX}"
+COMMON_RECORD = "common.json"
+
+
+@dataclass(frozen=True)
+class MovieFolder:
+    """Where the pieces of one movie are."""
+
+    path: Path
+
+    # The manifest ------------------------------------------------------------------
+
+    def begin(self, manifest: Mapping[str, Any]) -> None:
+        """Write what the movie is of; what was made before stays, and its keys tell what of it
+        still holds.
+        """
+        self.path.mkdir(parents=True, exist_ok=True)
+        write_json(
+            self.path / MANIFEST,
+            {"format": FORMAT, "schema_version": SCHEMA_VERSION, **manifest},
+        )
+
+    def manifest(self) -> dict[str, Any]:
+        """What the movie is of.
+
+        Raises
+        ------
+        FileFormatError
+            The folder is no movie, or of another version.
+        """
+        found = _read_json(self.path / MANIFEST)
+        if found is None or found.get("format") != FORMAT:
+            raise FileFormatError(
+                f"{self.path.name!r} is no movie of napari-unwrap3d.",
+                hint=f"A movie is a folder with {MANIFEST}, made by unwrap_movie or `batch`.",
+            )
+        if found.get("schema_version") != SCHEMA_VERSION:
+            raise FileFormatError(
+                f"{self.path.name!r} is of another version.",
+                file_schema=found.get("schema_version"),
+                known_schema=SCHEMA_VERSION,
+                hint="Update napari-unwrap3d, or make the movie anew.",
+            )
+        return found
+
+    # The pieces --------------------------------------------------------------------
+
+    def registered(self, timepoint: int, key: str) -> Registered | None:
+        """Where a timepoint lies, if that was found for this key."""
+        found = _read_json(self._piece("registration", timepoint, ".json"))
+        if found is None or found.get("key") != key:
+            return None
+        return Registered.from_plain(found)
+
+    def keep_registered(self, timepoint: int, key: str, registered: Registered) -> None:
+        write_json(
+            self._piece("registration", timepoint, ".json"), {"key": key, **registered.to_plain()}
+        )
+
+    def has_mask(self, timepoint: int, key: str) -> bool:
+        return record_key(self._piece("masks", timepoint, ".zip")) == key
+
+    def mask(self, timepoint: int) -> tuple[Mask, dict[str, Any]]:
+        """The mask of a timepoint and the report of how it was found."""
+        charts, numbers = read_record(self._piece("masks", timepoint, ".zip"))
+        return charts["mask"], numbers
+
+    def keep_mask(self, timepoint: int, key: str, mask: Mask, numbers: Mapping[str, Any]) -> None:
+        write_record(self._piece("masks", timepoint, ".zip"), {"mask": mask}, key, numbers)
+
+    def common(self) -> dict[str, Any] | None:
+        """The record of the common space, if one was made: ``key``, ``method``, ``reason`` …"""
+        found = _read_json(self.path / COMMON_RECORD)
+        return found if (self.path / COMMON).is_file() else None
+
+    def keep_common(self, record: Mapping[str, Any]) -> None:
+        """Keep the record; the atlas must be there."""
+        write_json(self.path / COMMON_RECORD, record)
+
+    @property
+    def common_path(self) -> Path:
+        """The atlas of the common space."""
+        return self.path / COMMON
+
+    def has_frame(self, timepoint: int, key: str) -> bool:
+        return self.frame_key(timepoint) == key
+
+    def frame_key(self, timepoint: int) -> str | None:
+        """What the frame of a timepoint was made from; None without one."""
+        return record_key(self._piece("frames", timepoint, ".zip"))
+
+    def frame(self, timepoint: int) -> Frame:
+        """The frame of a timepoint."""
+        charts, _ = read_record(self._piece("frames", timepoint, ".zip"))
+        frame: Frame = charts["frame"]
+        return frame
+
+    def keep_frame(self, frame: Frame, key: str) -> None:
+        path = self._piece("frames", frame.timepoint, ".zip")
+        write_record(path, {"frame": frame}, key, frame.numbers)
+
+    def atlas_path(self, timepoint: int) -> Path:
+        """The own atlas of a timepoint (common space "each")."""
+        return self._piece("frames", timepoint, SUFFIX)
+
+    def _piece(self, kind: str, timepoint: int, suffix: str) -> Path:
+        return self.path / kind / f"{timepoint:05d}{suffix}"
+
+    # One file ----------------------------------------------------------------------
+
+    def pack(self, target: Path) -> Path:
+        """Everything in one ``*.unwrap3d`` file, which :func:`unpack` opens."""
+        target = target if target.suffix == SUFFIX else target.with_name(target.name + SUFFIX)
+        self.manifest()
+        with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
+            for entry in sorted(self.path.rglob("*")):
+                name = entry.relative_to(self.path)
+                if entry.is_file() and not any(part.startswith(".") for part in name.parts):
+                    archive.write(entry, name.as_posix())
+        return target
+
+
+def is_movie(path: str | Path) -> bool:
+    """Whether a folder or a file is a movie."""
+    path = Path(path)
+    if path.is_dir():
+        return (path / MANIFEST).is_file()
+    if not zipfile.is_zipfile(path):
+        return False
+    with zipfile.ZipFile(path) as archive:
+        return MANIFEST in archive.namelist()
+
+
+def unpack(source: Path, folder: Path) -> MovieFolder:
+    """The folder of a movie that was saved in one file.
+
+    Raises
+    ------
+    InputError
+        The file is no movie.
+    FileFormatError
+        It is damaged, or names a place outside of the folder.
+    """
+    if not is_movie(source):
+        raise InputError(f"{source.name!r} is no movie.", hint="load() opens single cells.")
+    try:
+        with zipfile.ZipFile(source) as archive:
+            root = folder.resolve()
+            for item in archive.infolist():
+                target = (folder / item.filename).resolve()
+                if not target.is_relative_to(root) or item.is_dir():
+                    raise FileFormatError(
+                        f"{source.name!r} names a place that it must not.", entry=item.filename
+                    )
+                target.parent.mkdir(parents=True, exist_ok=True)
+                with archive.open(item) as stream, target.open("wb") as file:
+                    shutil.copyfileobj(stream, file, 1 << 20)
+    except zipfile.BadZipFile as error:
+        raise FileFormatError(f"{source.name!r} is damaged ({error}).") from error
+    return MovieFolder(folder)
+
+
+def _read_json(path: Path) -> dict[str, Any] | None:
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError) as error:
+        raise FileFormatError(f"{path.name!r} cannot be read ({error}).") from error
+    return found if isinstance(found, dict) else None

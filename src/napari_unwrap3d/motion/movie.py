@@ -1,0 +1,269 @@
+"""A movie: the common space, and every timepoint in it, made when it is asked for."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from ..atlas import Atlas
+from ..charts import Floats, Frame, Stack
+from ..errors import InputError
+from ..files.movie import MovieFolder, is_movie, unpack
+from ..parameters import Parameters
+from ..pipeline import ProgressLike
+from ..progress import Progress
+from .stages import MovieWork, stages
+from .timelapse import Source, Timelapse
+
+if TYPE_CHECKING:
+    import dask.array
+    import pandas as pd
+
+FRAMES_IN_MEMORY = 4
+
+
+@dataclass(eq=False)
+class Movie:
+    """One cell over time in a common space, in which a place on it keeps its (u, v).
+
+    Frames are read from the movie's folder when they are asked for, and made first where the
+    source of the movie is known and they are not there. Memory is that of a few frames.
+
+    Attributes
+    ----------
+    folder : MovieFolder
+    work : MovieWork or None
+        Makes what is not there yet; None for a movie that was opened without its source.
+    """
+
+    folder: MovieFolder
+    work: MovieWork | None = None
+    _temporary: tempfile.TemporaryDirectory[str] | None = None
+
+    def __post_init__(self) -> None:
+        self._manifest = self.folder.manifest()
+        self._frames = lru_cache(FRAMES_IN_MEMORY)(self._made)
+
+    @classmethod
+    def open(cls, path: str | Path, work: MovieWork | None = None) -> Movie:
+        """A movie from its folder, or from the one file that it was saved in.
+
+        Raises
+        ------
+        FileFormatError
+            It is no movie, damaged, or of another version.
+        """
+        path = Path(path)
+        if path.is_dir() or not is_movie(path):
+            return cls(MovieFolder(path), work)
+        temporary = tempfile.TemporaryDirectory(prefix="unwrap3d-movie-")
+        return cls(unpack(path, Path(temporary.name)), work, temporary)
+
+    # What it is of -----------------------------------------------------------------
+
+    def __len__(self) -> int:
+        return int(self._manifest["timepoints"])
+
+    @property
+    def name(self) -> str:
+        return str(self._manifest["name"])
+
+    @property
+    def time_step_s(self) -> float:
+        """Seconds between two timepoints."""
+        return float(self._manifest["time_step_s"])
+
+    @property
+    def times_s(self) -> Floats:
+        """Seconds (T,) since the first timepoint."""
+        return np.arange(len(self), dtype=np.float64) * self.time_step_s
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        return tuple(self._manifest["channels"])
+
+    @cached_property
+    def parameters(self) -> Parameters:
+        return Parameters.from_toml(str(self._manifest["parameters"]))
+
+    # The common space --------------------------------------------------------------
+
+    @cached_property
+    def common(self) -> Atlas:
+        """The atlas of the common space: of the temporal mean, or of one timepoint."""
+        from ..files.project import load_project
+
+        if self.folder.common() is None:
+            raise InputError("The movie has no common space yet.", hint="Call compute().")
+        return load_project(self.folder.common_path)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """How the common space was chosen: ``method``, ``timepoint``, ``recommendation``."""
+        return self.folder.common() or {}
+
+    # Frames ------------------------------------------------------------------------
+
+    def has_frame(self, timepoint: int) -> bool:
+        """Whether the frame of a timepoint is there, of the common space as it is."""
+        if self.work is not None:
+            return self.folder.has_frame(timepoint, self.work.frame_key(timepoint))
+        return self.folder.frame_key(timepoint) is not None
+
+    def frame(self, timepoint: int, progress: Progress | None = None) -> Frame:
+        """One timepoint in the common space; made first if it is not there.
+
+        Raises
+        ------
+        InputError
+            There is no such timepoint, or it was not made and the source is not known.
+        """
+        if not 0 <= timepoint < len(self):
+            raise InputError(f"There is no timepoint {timepoint}.", timepoints=len(self))
+        if not self.has_frame(timepoint):
+            if self.work is None:
+                raise InputError(
+                    f"The frame of timepoint {timepoint} was not made.",
+                    hint="Run `napari-unwrap3d batch` on the source to make what is missing.",
+                )
+            self.work.frame(timepoint, progress or Progress())
+            self._frames.cache_clear()
+        return self._frames(timepoint)
+
+    def frames(self) -> Iterator[Frame]:
+        """All frames in the order of time, one in memory at a time."""
+        for timepoint in range(len(self)):
+            yield self.frame(timepoint)
+
+    def _made(self, timepoint: int) -> Frame:
+        return self.folder.frame(timepoint)
+
+    @property
+    def fields(self) -> tuple[str, ...]:
+        """Names of the uv stacks."""
+        return tuple(self.frame(0).uv)
+
+    def uv(self, name: str) -> dask.array.Array:
+        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time."""
+        import dask.array
+
+        first = self.frame(0).uv
+        if name not in first:
+            raise InputError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(first)}.")
+
+        def image(block_info: Any = None) -> npt.NDArray[Any]:
+            timepoint = block_info[None]["chunk-location"][0]
+            return self.frame(timepoint).uv[name][None]
+
+        stacked: dask.array.Array = dask.array.map_blocks(  # type: ignore[no-untyped-call]
+            image,
+            chunks=((1,) * len(self), *((n,) for n in first[name].shape)),
+            dtype=first[name].dtype,
+            meta=np.empty((0, 0, 0), first[name].dtype),
+        )
+        return stacked
+
+    def compute(self, progress: ProgressLike = None) -> Movie:
+        """Make everything that is not there yet, one piece after the other.
+
+        Raises
+        ------
+        Cancelled
+            The user asked to stop; what was made stays.
+        """
+        if self.work is None:
+            raise InputError(
+                "The source of the movie is not known.", hint="Open it with its source."
+            )
+        run_stages(self.work, progress, until="frame")
+        self.__dict__.pop("common", None)
+        self._frames.cache_clear()
+        return self
+
+    # Tables ------------------------------------------------------------------------
+
+    def registration_table(self) -> pd.DataFrame:
+        """A row per timepoint: shift, angle and residual of the registration."""
+        raise NotImplementedError
+
+    def check_table(self) -> pd.DataFrame:
+        """A row per timepoint: area, volume, and what of the surface leaves the shell."""
+        raise NotImplementedError
+
+    # Files -------------------------------------------------------------------------
+
+    def save(self, path: str | Path) -> Path:
+        """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
+        return self.folder.pack(Path(path))
+
+
+def unwrap_movie(
+    source: Stack | Sequence[Source],
+    parameters: Parameters | None = None,
+    progress: ProgressLike = None,
+    *,
+    time_step: float | None = None,
+    folder: str | Path | None = None,
+) -> Movie:
+    """Unwrap a timelapse into one common space.
+
+    The timepoints are registered and segmented, and the common space is built; frames are
+    made when they are asked for, or all at once by :meth:`Movie.compute`.
+
+    Parameters
+    ----------
+    source : Stack with a t axis, or sequence of Stack, Mask or Surface
+    parameters : Parameters, optional
+    progress : Progress, or callable(stage, fraction, message), optional
+    time_step : float, optional
+        Seconds between two timepoints, where the stack does not tell.
+    folder : path, optional
+        Where the pieces are kept: what is there already is not made again. By default a
+        temporary folder that lives as long as the movie; see :meth:`Movie.save`.
+
+    Returns
+    -------
+    Movie
+
+    Raises
+    ------
+    InputError, AxesError
+        See :meth:`Timelapse.of`.
+    Unwrap3DError
+        A timepoint could not be segmented, or the common space not be built.
+    """
+    lapse = Timelapse.of(source, time_step)
+    temporary = None
+    if folder is None:
+        temporary = tempfile.TemporaryDirectory(prefix="unwrap3d-movie-")
+        folder = temporary.name
+    work = MovieWork(lapse, parameters or Parameters(), MovieFolder(Path(folder)))
+    work.begin()
+    run_stages(work, progress, until="common")
+    return Movie(work.folder, work, temporary)
+
+
+def load_movie(path: str | Path) -> Movie:
+    """Open a saved movie: its folder, or the one file it was saved in."""
+    return Movie.open(path)
+
+
+def run_stages(work: MovieWork, progress: ProgressLike, until: str) -> None:
+    """All pieces of work up to a stage, one after the other."""
+    report = progress if isinstance(progress, Progress) else Progress(progress)
+    for stage, timepoints in stages(len(work.lapse)):
+        part = report.named(stage)
+        for timepoint in timepoints:
+            span = part.part(timepoint / len(timepoints), (timepoint + 1) / len(timepoints))
+            span(0.0, f"timepoint {timepoint}" if len(timepoints) > 1 else "")
+            work.run(stage, timepoint, span)
+        part(1.0, "done")
+        if stage == until:
+            return

@@ -1,0 +1,282 @@
+"""The work on one movie, cut into pieces that can be done anywhere and in any order of time.
+
+A piece reads what earlier pieces wrote into the movie's folder and writes one file; what is
+there with the right key is not made again. :func:`~.movie.unwrap_movie` runs them one after the
+other, :mod:`napari_unwrap3d.batch` on as many workers as there are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any, Literal
+
+import numpy as np
+
+from ..charts import Mask, Stack, Surface, Volume
+from ..errors import InputError
+from ..files.movie import MovieFolder
+from ..files.project import load_project, save_project
+from ..imaging.register import Registered, register
+from ..imaging.roi import chosen_volume
+from ..parameters import Parameters
+from ..pipeline import STEP_VERSION, Pipeline
+from ..progress import Progress, silent
+from ..provenance import content_hash, environment
+from ..unwrapping.solid import closed_mesh, mask_of_mesh
+from .common import MEAN, TIMEPOINT, Recommendation, recommend
+from .frames import CommonSpace, frame_of
+from .outlines import MeanOutline, moved_surface, outline
+from .timelapse import Timelapse
+
+Stage = Literal["register", "segment", "common", "frame"]
+PER_TIMEPOINT: tuple[Stage, ...] = ("register", "segment", "frame")
+# The groups of parameters that the common space depends on.
+SPACE = ("surface", "sealed", "reference", "sphere", "uv", "topography")
+
+
+@dataclass
+class MovieWork:
+    """The pieces of work of one movie.
+
+    Attributes
+    ----------
+    lapse : Timelapse
+    parameters : Parameters
+    folder : MovieFolder
+    """
+
+    lapse: Timelapse
+    parameters: Parameters
+    folder: MovieFolder
+    _keys: dict[int, str] = field(default_factory=dict)
+
+    def begin(self) -> None:
+        """Write what the movie is of into its folder."""
+        self.folder.begin(
+            {
+                "name": self.lapse.name,
+                "timepoints": len(self.lapse),
+                "time_step_s": self.lapse.time_step_s,
+                "channels": list(self.lapse.channels),
+                "parameters": self.parameters.to_toml(),
+                "versions": environment(),
+            }
+        )
+
+    def run(self, stage: Stage, timepoint: int, progress: Progress) -> bool:
+        """Do one piece of work; False where it was done before.
+
+        Raises
+        ------
+        Unwrap3DError
+            The piece could not be made; nothing is written.
+        """
+        done: bool = getattr(self, stage)(timepoint, progress)
+        return done
+
+    # The pieces --------------------------------------------------------------------
+
+    def register(self, timepoint: int, progress: Progress) -> bool:
+        """Find where a timepoint lies in the common world."""
+        key = self.registration_key(timepoint)
+        if self.folder.registered(timepoint, key) is not None:
+            return False
+        found = self._register(timepoint, progress)
+        self.folder.keep_registered(timepoint, key, found)
+        return True
+
+    def segment(self, timepoint: int, progress: Progress) -> bool:
+        """Find the cell at a timepoint, in the common world."""
+        key = self.mask_key(timepoint)
+        if self.folder.has_mask(timepoint, key):
+            return False
+        pose = self.registered(timepoint).pose
+        mask, numbers = outline(self.lapse.at(timepoint), pose, self.working_parameters, progress)
+        self.folder.keep_mask(timepoint, key, mask, numbers)
+        return True
+
+    def common(self, timepoint: int, progress: Progress) -> bool:
+        """Build the common space; needs the masks of all timepoints."""
+        key = self.common_key()
+        record = self.folder.common()
+        if record is not None and record["key"] == key:
+            return False
+        mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
+        chosen = self.parameters.movie
+        which = self._chosen_timepoint()
+        first, _ = self.folder.mask(which)
+        temporal = mean.mask()
+        progress(0.1, "choosing the common space")
+        advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
+        method = advice.method if chosen.common == "recommended" else chosen.common
+        source = temporal if method == MEAN else mean.placed(first)
+        pipeline = Pipeline(source)
+        atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
+        save_project(atlas, self.folder.common_path, source=source)
+        self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
+        return True
+
+    def frame(self, timepoint: int, progress: Progress) -> bool:
+        """Bring a timepoint into the common space."""
+        key = self.frame_key(timepoint)
+        if self.folder.has_frame(timepoint, key):
+            return False
+        source = self.lapse.at(timepoint)
+        registered = self.registered(timepoint)
+        mask, _ = self.folder.mask(timepoint)
+        given = None
+        if isinstance(source, Surface):
+            given = moved_surface(closed_mesh(source), registered.pose)
+        frame = frame_of(
+            self.space,
+            mask,
+            given,
+            source if isinstance(source, Stack) else None,
+            registered,
+            timepoint,
+            float(self.lapse.times_s[timepoint]),
+            self.working_parameters,
+            progress,
+        )
+        self.folder.keep_frame(frame, key)
+        return True
+
+    # What the pieces need ----------------------------------------------------------
+
+    def registered(self, timepoint: int) -> Registered:
+        """Where a timepoint lies; found now if it was not."""
+        key = self.registration_key(timepoint)
+        found = self.folder.registered(timepoint, key)
+        if found is None:
+            self.register(timepoint, silent())
+            found = self.folder.registered(timepoint, key)
+        assert found is not None
+        return found
+
+    @cached_property
+    def working_parameters(self) -> Parameters:
+        """With one working voxel for all timepoints."""
+        first = self.lapse.at(0)
+        if self.parameters.stack.working_voxel_um is not None or not isinstance(first, Surface):
+            return self.parameters
+        edge = mask_of_mesh(closed_mesh(first), None)[0].voxel_size[0]
+        stack = self.parameters.stack.model_copy(update={"working_voxel_um": edge})
+        return self.parameters.model_copy(update={"stack": stack})
+
+    @property
+    def space_parameters(self) -> Parameters:
+        """Those of the atlas of the common space, whose source is a mask and not an image."""
+        stack = type(self.parameters.stack)()
+        return self.parameters.model_copy(update={"stack": stack})
+
+    @property
+    def space(self) -> CommonSpace:
+        """The common space that the folder holds."""
+        record = self.folder.common()
+        if record is None:
+            raise InputError(
+                "The movie has no common space yet.", hint="Run the stage 'common' before."
+            )
+        kept: tuple[str, CommonSpace] | None = self.__dict__.get("_space")
+        if kept is None or kept[0] != record["key"]:
+            kept = (record["key"], CommonSpace(load_project(self.folder.common_path)))
+            self.__dict__["_space"] = kept
+        return kept[1]
+
+    def _masks(self, progress: Progress) -> Iterable[Mask]:
+        for timepoint in range(len(self.lapse)):
+            progress(timepoint / len(self.lapse), "the cell at all timepoints")
+            yield self.folder.mask(timepoint)[0]
+
+    def _chosen_timepoint(self) -> int:
+        which = self.parameters.movie.timepoint
+        self.lapse.at(which)
+        return which
+
+    def _register(self, timepoint: int, progress: Progress) -> Registered:
+        if self.parameters.registration.method == "none" or timepoint == 0:
+            return Registered()
+        first, this = (self._outline_volume(t) for t in (0, timepoint))
+        if first is None or this is None:
+            return Registered()
+        pose, numbers = register(first, this, self.parameters.registration, progress)
+        return Registered(pose, {}, numbers)
+
+    def _outline_volume(self, timepoint: int) -> Volume | None:
+        """The intensities that are registered, or the mask; None of a mesh."""
+        source = self.lapse.at(timepoint)
+        if isinstance(source, Surface):
+            return None
+        if isinstance(source, Mask):
+            return Volume(source.data.astype(np.float32), source.voxel_size, source.origin)
+        data = chosen_volume(source, 0, self.parameters.stack.channel)
+        return Volume(np.asarray(data), source.voxel_size)
+
+    # Keys --------------------------------------------------------------------------
+
+    def source_key(self, timepoint: int) -> str:
+        """Hash of a timepoint's source."""
+        if timepoint not in self._keys:
+            self._keys[timepoint] = self.lapse.key(timepoint)
+        return self._keys[timepoint]
+
+    def registration_key(self, timepoint: int) -> str:
+        registration = self.parameters.registration.model_dump_json()
+        sources = [self.source_key(t) for t in (0, timepoint)]
+        return self._key("register", registration, self.parameters.stack.channel, sources)
+
+    def mask_key(self, timepoint: int) -> str:
+        stack = self.working_parameters.stack.model_dump_json(exclude={"timepoint"})
+        return self._key("segment", stack, self.registration_key(timepoint))
+
+    def common_key(self) -> str:
+        chosen = self.parameters.movie
+        how = (chosen.common, chosen.timepoint, chosen.largest_outside)
+        steps = [getattr(self.parameters, name).model_dump_json() for name in SPACE]
+        masks = [self.mask_key(t) for t in range(len(self.lapse))]
+        return self._key("common", how, steps, masks)
+
+    def frame_key(self, timepoint: int) -> str:
+        """Of the space that is there: where it is made anew, frames are stale."""
+        record = self.folder.common() or {}
+        surface = self.parameters.surface.model_dump_json()
+        movie = self.parameters.movie.model_dump_json(exclude={"common", "largest_outside"})
+        return self._key("frame", record.get("key"), surface, movie, self.mask_key(timepoint))
+
+    @staticmethod
+    def _key(stage: str, *parts: Any) -> str:
+        return content_hash(STEP_VERSION, stage, *parts)
+
+
+def stages(timepoints: int) -> Iterable[tuple[Stage, range]]:
+    """Stages in order, and the timepoints of each; those of one stage are independent."""
+    yield "register", range(timepoints)
+    yield "segment", range(timepoints)
+    yield "common", range(1)
+    yield "frame", range(timepoints)
+
+
+def _record(
+    key: str, method: str, timepoint: int, timepoints: int, advice: Recommendation
+) -> dict[str, Any]:
+    return {
+        "key": key,
+        "method": method,
+        "timepoint": timepoint if method == TIMEPOINT else None,
+        "timepoints": timepoints,
+        "recommendation": advice.to_plain(),
+    }
+
+
+def _within(progress: Progress, start: float, stop: float) -> Callable[[str, float, str], None]:
+    """The progress of a pipeline's steps as that of a part of one piece of work."""
+    names = [*SPACE, "stack"]
+
+    def report(step: str, fraction: float, message: str) -> None:
+        place = names.index(step) if step in names else 0
+        done = (place + fraction) / len(names)
+        progress(start + (stop - start) * done, f"common space, {step}: {message}")
+
+    return report
