@@ -6,13 +6,17 @@ the working grid (:mod:`.solids`) and imaged by a light-sheet microscope
 """
 
 from .cells import SimulatedCell, Truth, cell
+from .courses import Lifetimes
 from .microscope import Microscope
-from .movies import FrameTruth, SimulatedMovie, movie
+from .movies import MOVIES, movie
+from .moving import FrameTruth, SimulatedMovie
 from .scenes import KINDS
 
 __all__ = [
     "KINDS",
+    "MOVIES",
     "FrameTruth",
+    "Lifetimes",
     "Microscope",
     "SimulatedCell",
     "SimulatedMovie",
