@@ -41,6 +41,11 @@ class BlebFormer:
     height_um: float
     blend_um: float
 
+    @property
+    def bud(self) -> float:
+        """The size at which its foot is as wide as that of the grown one."""
+        return BUD * self.foot_um / self.height_um
+
     def shape(self, size: float) -> Shape:
         """A ball whose top is `size` times the height above the foot."""
         height = size * self.height_um
@@ -53,8 +58,8 @@ class BlebFormer:
     def curvature(self, size: npt.ArrayLike) -> Floats:
         """Of the cap, in 1/µm; it appears with the bud."""
         sizes = np.asarray(size, float)
-        bud = np.clip(sizes * self.height_um / (BUD * self.foot_um), 0.0, 1.0)
-        curvature: Floats = bud * bud * (3 - 2 * bud) / self._radius(sizes)
+        part = np.clip(sizes / self.bud, 0.0, 1.0)
+        curvature: Floats = part * part * (3 - 2 * part) / self._radius(sizes)
         return curvature
 
     def _radius(self, size: npt.ArrayLike) -> Floats:

@@ -129,6 +129,12 @@ class StandingBody(Body):
         radius: Floats = np.minimum(free, to_floor) - overlap**2 / (4 * self.edge_um)
         return radius
 
+    def level(self, points: Floats) -> Floats:
+        """Distance (...) in µm above the surface, along the ray; cut off deep inside."""
+        # Around the centre rays turn quickly, and so would their lengths to the floor.
+        level: Floats = np.maximum(super().level(points), -0.6 * self.floor_um)
+        return level
+
     def moved(self, pose: Rigid) -> Self:
         """The same body elsewhere, and turned."""
         moved = super().moved(pose)

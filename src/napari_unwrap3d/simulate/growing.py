@@ -40,6 +40,11 @@ class Former(Protocol):
         """Of the largest size above the body; of a filopodium its length."""
         ...
 
+    @property
+    def bud(self) -> float:
+        """The size at which its foot is as wide as that of the grown one."""
+        ...
+
     def shape(self, size: float) -> Shape:
         """In the cell's own world, at a size from 0 to 1 (0: just hidden in the body)."""
         ...
@@ -133,19 +138,23 @@ class GrowingCell:
         """The cell at a time, where a pose puts it."""
         union = Union.of(body_field(self.body.moved(pose), self.size, self.voxel_um))
         body = union.field < 0
+        grid = union.field.shape
         signal, curvature = np.ones_like(union.field), np.zeros_like(union.field)
         for one in self.protrusions:
             if not one.led(time_s):
                 continue
             size = float(one.course.size(time_s))
-            shape = placed(one.former.shape(size), pose)
-            box, distance = shape_field(shape, union.field.shape, self.voxel_um, REACH_UM)
-            if distance.size == 0:
-                continue
+            # The signal stays on the whole foot while the protrusion shrinks, and after it.
+            marked = max(size, one.former.bud)
+            shape = placed(one.former.shape(marked), pose)
+            box, distance = shape_field(shape, grid, self.voxel_um, REACH_UM)
             part = np.interp(distance, AROUND_UM, PART).astype(np.float32)
-            if size > 0:
+            curvature[box] += np.float32(one.curvature(time_s)) * part
+            if 0 < size < marked:
+                shape = placed(one.former.shape(size), pose)
+                union.add(one.identity, shape, *shape_field(shape, grid, self.voxel_um))
+            elif size > 0:
                 union.add(one.identity, shape, box, distance)
-                curvature[box] += np.float32(one.curvature(time_s)) * part
             lead = self.law.sign * self.law.contrast * float(one.lead(time_s))
             signal[box] += np.float32(lead) * part
         mask = union.field < 0

@@ -31,11 +31,11 @@ GAP_UM = 1.1
 LEAST_LABELLED_UM = 0.08
 BEFORE_S = 120.0
 STATISTICS = 80
-LEAST_WINDOW_S = 150.0
+LEAST_WINDOW_S = 60.0
 WEAKEST = 0.3  # below this part of the usual change of curvature, a place counts as still
 
 SPECKLE_UM, SPECKLE_PERIOD_UM, SPECKLE_SPACING_UM, SPECKLE_COLUMNS = 0.28, 24.0, 0.1, 512
-SPECKLES = 0.7  # of the part of the signal that does not follow the curvature
+SPECKLES = 0.6  # of the part of the signal that does not follow the curvature
 
 
 @dataclass(frozen=True, eq=False)

@@ -38,6 +38,11 @@ class FilopodiumFormer:
     height_um: float
     radii_um: tuple[float, float]
 
+    @property
+    def bud(self) -> float:
+        """The size at which its foot is as wide as that of the grown one."""
+        return self.radii_um[0] / self.height_um
+
     def shape(self, size: float) -> Shape:
         """The tube up to `size` times its length; it tapers to its tip."""
         length = size * self.height_um
@@ -55,7 +60,7 @@ class FilopodiumFormer:
 
     def curvature(self, size: npt.ArrayLike) -> Floats:
         """Mean curvature of the tube in 1/µm; it appears with the tip."""
-        out = np.clip(np.asarray(size, float) * self.height_um / self.radii_um[0], 0.0, 1.0)
+        out = np.clip(np.asarray(size, float) / self.bud, 0.0, 1.0)
         curvature: Floats = out / (self.radii_um[0] + self.radii_um[1])
         return curvature
 
