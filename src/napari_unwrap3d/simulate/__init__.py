@@ -6,7 +6,7 @@ the working grid (:mod:`.solids`) and imaged by a light-sheet microscope
 """
 
 from .cells import SimulatedCell, Truth, cell
-from .courses import Lifetimes
+from .courses import Lifetimes, SignalLaw
 from .microscope import Microscope
 from .movies import MOVIES, movie
 from .moving import FrameTruth, SimulatedMovie
@@ -18,6 +18,7 @@ __all__ = [
     "FrameTruth",
     "Lifetimes",
     "Microscope",
+    "SignalLaw",
     "SimulatedCell",
     "SimulatedMovie",
     "Truth",

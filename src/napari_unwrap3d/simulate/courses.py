@@ -11,6 +11,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import erf
 
 from ..charts import Floats
+from ..errors import ParameterError
 
 NOISE_PERIODS_S = (5.0, 30.0)
 NOISE_PERIOD_RATIO = NOISE_PERIODS_S[1] / NOISE_PERIODS_S[0]
@@ -36,6 +37,16 @@ class Lifetimes:
     median_s: float = 22.0
     spread: float = 0.6
 
+    def __post_init__(self) -> None:
+        if not (0 <= self.least_s < self.median_s < np.inf and 0 <= self.spread <= 2):
+            raise ParameterError(
+                "These are no lifetimes.",
+                least_s=self.least_s,
+                median_s=self.median_s,
+                spread=self.spread,
+                hint="The lifetimes' least is below their median; their spread is 0 to 2.",
+            )
+
     def draw(self, rng: np.random.Generator) -> float:
         """One lifetime in s."""
         more = self.median_s - self.least_s
@@ -44,7 +55,7 @@ class Lifetimes:
     def cdf(self, seconds: npt.ArrayLike) -> Floats:
         """Which part of all lifetimes is at most that long."""
         more = np.maximum(np.asarray(seconds, float) - self.least_s, 1e-12)
-        deviation = np.log(more / (self.median_s - self.least_s)) / self.spread
+        deviation = np.log(more / (self.median_s - self.least_s)) / max(self.spread, 1e-9)
         below: Floats = 0.5 * (1.0 + erf(deviation / np.sqrt(2.0)))
         return below
 

@@ -10,6 +10,7 @@ import numpy as np
 from ..charts import Floats, Size3, check_voxel_size
 from ..errors import ParameterError
 from ..progress import Progress, silent
+from ..provenance import content_hash
 from .blebbing import Blebs
 from .bodies import Body, StandingBody, draw_body
 from .cells import SMALLEST
@@ -28,7 +29,7 @@ from .sprouting import Filopodia
 
 MOVIES = tuple(CHANNELS)
 DRAWN, RECORDED = 77, 78  # set the random numbers of movies apart from those of still cells
-SMALLEST_BODY_VOXELS = 14
+SMALLEST_BODY_VOXELS = 10
 FLOOR_HEIGHT = 0.6
 RECURRENCE = 0.35
 
@@ -274,6 +275,8 @@ def _drawn(plan: Plan, recording: Recording, progress: Progress) -> SimulatedMov
         plan.time_step_s,
         floor,
         plan.lifetimes,
+        {name: rate for name, rate in plan.rates.items() if plan.kind in ONLY_FOR[name]},
+        content_hash(repr(plan), repr(recording)),
     )
 
 

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from ..charts import Floats, Mask, Stack, Volume
-from ..errors import InputError, ParameterError
+from ..errors import FileFormatError, InputError, ParameterError
 from ..geometry.interpolate import sample_linear
 from ..geometry.rigid import Rigid
-from .courses import Lifetimes
+from ..progress import Progress
+from .courses import Lifetimes, SignalLaw
 from .moments import LivingCell, Moment, Row
 from .recording import Recording, Texture
 
@@ -110,6 +112,10 @@ class SimulatedMovie:
         The flat bottom of the cell.
     lifetimes : Lifetimes or None
         What the lifetimes of blebs were drawn from.
+    rates : mapping of str to float
+        The speeds and rates of the kind of movie, by the names of the arguments.
+    key : str
+        Hash of everything that it is made from.
     """
 
     kind: str
@@ -121,6 +127,8 @@ class SimulatedMovie:
     time_step_s: float
     floor: Floor | None
     lifetimes: Lifetimes | None
+    rates: Mapping[str, float]
+    key: str
     _moments: Any = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -133,6 +141,11 @@ class SimulatedMovie:
         return len(self.poses)
 
     # What is recorded ---------------------------------------------------------------
+
+    @property
+    def law(self) -> SignalLaw:
+        """How the signal follows the curvature: its lag, sign, correlation and contrast."""
+        return self.cell.law
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -153,6 +166,7 @@ class SimulatedMovie:
             _frame_of_block,
             dask.array.arange(len(self), chunks=1),
             movie=self,
+            name=f"simulated-{self.key}",
             chunks=((1,) * len(self), *((n,) for n in shape)),
             new_axis=[1, 2, 3, 4],
             dtype=np.uint16,
@@ -187,6 +201,38 @@ class SimulatedMovie:
         """The counts (c, z, y, x) and the truth of every timepoint, one after another."""
         for timepoint in range(len(self)):
             yield self.frame(timepoint), self.truth(timepoint)
+
+    def write(self, path: str | Path, progress: Progress | None = None) -> Path:
+        """Write the stack as OME-Zarr, frame by frame.
+
+        Parameters
+        ----------
+        path : path
+            Ends in ``.zarr``, best in ``.ome.zarr``.
+        progress : Progress, optional
+
+        Raises
+        ------
+        FileFormatError
+            The name is that of another kind of file.
+        """
+        from ..files.ome_zarr import write_ome_zarr
+
+        if Path(path).suffix.lower() != ".zarr":
+            raise FileFormatError(
+                f"A movie is written as OME-Zarr, not as {Path(path).name}.",
+                hint="Choose a name that ends in .ome.zarr.",
+            )
+        stack = self.stack
+        return write_ome_zarr(
+            path,
+            stack.data,
+            stack.axes,
+            sizes=dict(zip("zyx", stack.voxel_size, strict=True)),
+            time_step=stack.time_step,
+            channels=stack.channels,
+            progress=progress,
+        )
 
     # What is known ------------------------------------------------------------------
 
@@ -304,6 +350,8 @@ _FIELDS: tuple[str, ...] = (
     "time_step_s",
     "floor",
     "lifetimes",
+    "rates",
+    "key",
 )
 
 

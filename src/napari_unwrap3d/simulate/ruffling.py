@@ -25,9 +25,9 @@ HALF_ANGLES = (0.5, 1.0)
 WOBBLE_UM = np.array([0.18, 0.1, 0.05])
 SPEED_SPREAD = 0.12
 GROWTH_S = 7.0
-DISSIPATION_S = 5.0
-MERGED_UM = 0.75
-GAP_UM = 1.1
+DISSIPATION_S = 4.0
+MERGED_WIDTHS = 2.8  # that close, in widths of the crests, they are one
+GAP_WIDTHS = 3.2
 LEAST_LABELLED_UM = 0.08
 BEFORE_S = 120.0
 STATISTICS = 80
@@ -361,7 +361,7 @@ def draw_ruffles(
             wobble=wobble,
         )
         beside = [one for one in found if _beside(one, ruffle) and one.course.end_s > time_s]
-        if all(start - float(one.radius_um(time_s)) > GAP_UM for one in beside):
+        if all(_ahead(one, ruffle) for one in beside):
             found.append(replace(_merging(ruffle, beside), identity=len(found) + 1))
     return tuple(one for one in found if one.course.end_s > 0)
 
@@ -380,6 +380,12 @@ def _beside(one: Ruffle, other: Ruffle) -> bool:
     return apart < 0.8 * (one.half_angle + other.half_angle)
 
 
+def _ahead(one: Ruffle, born: Ruffle) -> bool:
+    """Whether a ruffle is far enough ahead of one that is born."""
+    gap = born.start_um - float(one.radius_um(born.course.birth_s))
+    return gap > GAP_WIDTHS * (one.width_um + born.width_um) / 2
+
+
 def _merging(ruffle: Ruffle, ahead: Sequence[Ruffle]) -> Ruffle:
     """A faster ruffle catches up with one ahead, and dissipates into it."""
     course = ruffle.course
@@ -388,7 +394,9 @@ def _merging(ruffle: Ruffle, ahead: Sequence[Ruffle]) -> Ruffle:
         gap = float(ruffle.radius_um(course.birth_s) - one.radius_um(course.birth_s))
         if closing <= 0:
             continue
-        met = course.birth_s + (gap - MERGED_UM) / closing
+        met = (
+            course.birth_s + (gap - MERGED_WIDTHS * (ruffle.width_um + one.width_um) / 2) / closing
+        )
         if met + DISSIPATION_S < min(ruffle.course.end_s, one.course.end_s):
             shorter = _rise(course.birth_s, met + DISSIPATION_S - course.birth_s)
             ruffle = replace(ruffle, course=shorter, merged_into=one.identity)
