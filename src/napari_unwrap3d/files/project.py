@@ -53,6 +53,7 @@ FORMAT = "napari-unwrap3d project"
 SCHEMA_VERSION = 4
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
+MOVIE = "movie.json"  # in the file of a movie, see :mod:`.movie`
 
 CHARTS = (
     "surface",
@@ -309,12 +310,21 @@ def read_record(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def record_key(path: Path) -> str | None:
     """What a record was made from; None without a readable one."""
+    key = _record_attributes(path).get("key")
+    return key if isinstance(key, str) else None
+
+
+def record_numbers(path: Path) -> dict[str, Any]:
+    """What was measured of a record, without its arrays; empty without a readable one."""
+    return dict(from_plain(_record_attributes(path).get("numbers", {})))
+
+
+def _record_attributes(path: Path) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(path) as archive:
-            key = read_node(archive, NODE).get("attributes", {}).get("key")
-    except (OSError, zipfile.BadZipFile, Unwrap3DError, KeyError):
-        return None
-    return key if isinstance(key, str) else None
+            return dict(read_node(archive, NODE).get("attributes", {}))
+    except (OSError, zipfile.BadZipFile, ValueError, Unwrap3DError, KeyError):
+        return {}
 
 
 def load_surface(path: str | Path) -> charts.Surface:
@@ -399,6 +409,11 @@ def check_project(path: Path) -> None:
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
         check_entries(archive, size)
+        if MOVIE in archive.namelist():
+            raise FileFormatError(
+                f"{path.name!r} is a movie, not a single cell.",
+                hint="Open it with load_movie(...).",
+            )
         if NODE not in archive.namelist():
             raise FileFormatError(
                 f"{path.name!r} is a zip file, but no project of napari-unwrap3d.",
