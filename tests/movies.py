@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import subprocess
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import imageio_ffmpeg
 import numpy as np
 
 from napari_unwrap3d.charts import Mask, Stack
@@ -63,3 +66,17 @@ def breathing_movie(folder: Path) -> Movie:
     from napari_unwrap3d.motion.movie import unwrap_movie
 
     return unwrap_movie(breathing_stack(), PARAMETERS, folder=folder).compute()
+
+
+def read_mp4(path: Path) -> list[np.ndarray]:
+    """The frames (rows, columns, 3) of a movie file.
+
+    By the program of imageio-ffmpeg: its own reader leaves pipes to the garbage collector.
+    """
+    program = imageio_ffmpeg.get_ffmpeg_exe()
+    about = subprocess.run([program, "-i", path], capture_output=True, check=False).stderr
+    width, height = map(int, re.findall(rb"Video:.*?, (\d+)x(\d+)", about)[0])
+    as_bytes = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    done = subprocess.run([program, "-v", "error", "-i", path, *as_bytes], capture_output=True)
+    assert done.returncode == 0, done.stderr
+    return list(np.frombuffer(done.stdout, np.uint8).reshape(-1, height, width, 3))

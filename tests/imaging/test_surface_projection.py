@@ -125,6 +125,6 @@ def test_bad_input_is_refused(cell: Mask) -> None:
     ):
         with pytest.raises(ParameterError):
             surface_projection(volume, cell.voxel_size, cell, **wrong)
+    far = Rigid(translation=np.array([100.0, 0, 0]))
     with pytest.raises(InputError, match="outside"):
-        far = Rigid(translation=np.array([100.0, 0, 0]))
         surface_projection(volume, cell.voxel_size, cell, pose=far)

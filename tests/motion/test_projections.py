@@ -23,7 +23,7 @@ def test_all_timepoints_are_seen_on_the_same_pixels(breathing: Any) -> None:
     assert seen[2] > seen[0]
     np.testing.assert_array_equal(found[0].image, found[-1].image)
     # The ramp along x is a ramp to the right.
-    left, right, _, _ = found[0].extent
+    left = found[0].extent[0]
     columns = left + (np.arange(found[0].image.shape[1]) + 0.5) * found[0].pixel_um
     expected = np.broadcast_to(columns / movies.VOXEL_UM, found[0].image.shape)
     there = np.isfinite(found[0].image)

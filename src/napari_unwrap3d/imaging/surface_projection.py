@@ -160,9 +160,9 @@ def box_around(mask: Mask, reach_um: float) -> Floats:
 
 
 def _check(reach_um: float, pixel: float, axis: str, statistic: str) -> None:
-    for name, value in (("reach_um", reach_um), ("pixel_um", pixel)):
+    for name, value in (("reach", reach_um), ("pixel", pixel)):
         if not (np.isfinite(value) and value > 0):
-            raise ParameterError("A length in µm is positive.", **{name: float(value)})
+            raise ParameterError(f"The {name} is a length in µm.", length_um=float(value))
     if axis not in VIEWS:
         raise ParameterError(f"There is no axis {axis!r}.", hint="Axes: z, y, x.")
     if statistic not in STATISTICS:
