@@ -157,7 +157,9 @@ def _dense(corners: Floats) -> Floats:
 # On the surface ------------------------------------------------------------------------
 
 
-def line_on_surface(atlas: Atlas, line: SurfaceLine, frame: Frame | None = None) -> Floats:
+def line_on_surface(
+    atlas: Atlas, line: SurfaceLine, frame: Frame | None = None, lift_um: float = 0.0
+) -> Floats:
     """Where a line lies in space, (n, 3) in µm.
 
     Parameters
@@ -168,11 +170,15 @@ def line_on_surface(atlas: Atlas, line: SurfaceLine, frame: Frame | None = None)
     frame : Frame, optional
         A timepoint: on its outermost surface, by its height over every pixel; NaN where none
         lies there. Without one: on the reference.
+    lift_um : float
+        How far outwards from there, for what is drawn to be seen.
     """
-    if frame is None:
+    if frame is None and not lift_um:
         return atlas.map(line.directions, "sphere", "reference")[0]
-    height = sample_uv_linear(frame.uv[HEIGHT], line.points)
-    on_it = np.column_stack([height, line.points])
+    height = np.zeros(len(line.points))
+    if frame is not None:
+        height = sample_uv_linear(frame.uv[HEIGHT], line.points)
+    on_it = np.column_stack([height + lift_um, line.points])
     return atlas.map(on_it, "topography", "volume")[0]
 
 
