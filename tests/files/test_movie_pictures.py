@@ -16,7 +16,6 @@ from napari_unwrap3d.cli import main
 from napari_unwrap3d.errors import InputError, ParameterError
 from napari_unwrap3d.files.movie_export import write_frames
 from napari_unwrap3d.files.movie_files import export_movie, write_kymograph, write_uv_stack
-from napari_unwrap3d.files.movie_panels import broken_at_seam
 from napari_unwrap3d.files.movie_pictures import chosen_views, common_scales, movie_pictures
 from napari_unwrap3d.files.stacks import read_stack
 from napari_unwrap3d.files.stacks import write_image as write_stack
@@ -109,12 +108,6 @@ def test_views_need_what_they_show(breathing: Any) -> None:
         common_scales(breathing, axis="t")
     with pytest.raises(ParameterError, match="limit"):
         common_scales(breathing, limits=(1.0, 1.0))
-
-
-def test_a_line_is_broken_at_the_seam() -> None:
-    points = np.array([[5.0, 60.0], [5.0, 63.0], [5.0, 1.0], [5.0, 3.0]])
-    found = broken_at_seam(points, 32)
-    assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False]
 
 
 # Files -------------------------------------------------------------------------------

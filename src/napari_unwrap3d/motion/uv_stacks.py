@@ -33,12 +33,19 @@ def field_label(name: str) -> str:
     return f"{title} ({unit})" if unit else title
 
 
+def field_names(movie: Movie) -> tuple[str, ...]:
+    """The fields that the first frame has which is there, or is made now; none without any."""
+    first = next((t for t in range(len(movie)) if movie.has_frame(t)), None)
+    if first is None:
+        return movie.fields if movie.work is not None else ()
+    return tuple(movie.frame(first).uv)
+
+
 def check_field(movie: Movie, name: str) -> None:
     """Raise :class:`ParameterError` unless the movie has a field."""
-    if name not in movie.fields:
-        raise ParameterError(
-            f"There is no field {name!r}.", hint=f"Fields: {', '.join(movie.fields)}."
-        )
+    names = field_names(movie)
+    if name not in names:
+        raise ParameterError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(names)}.")
 
 
 def made_frames(

@@ -161,5 +161,8 @@ class PolarDock(Docked):
             self.plot.hide()
             return
         field = self.colouring.field
+        fields = self.colouring.fields
+        known = fields is not None and field in fields.names
+        title = fields.field(field).label if fields is not None and known else field_label(field)
         colours = shown_colours(self.colouring, field, image)
-        self.plot.show_image(image, self.pole, f"{field_label(field)}, (r, φ)", colours)
+        self.plot.show_image(image, self.pole, f"{title}, (r, φ)", colours)

@@ -16,7 +16,7 @@ from .layers import IMAGE, KEY, SPACE, UNIT
 from .placing import chart_of
 from .turns import soon
 
-NAME = "kymograph line"
+NAME, WAY = "kymograph line", "kymograph line: its way"
 COLOUR = "#ffeb3b"
 KINDS = ("path", "line")
 # Of the image's height, and of the cell's size.
@@ -38,6 +38,7 @@ class LineLayers:
     def __init__(self, viewer: Any, parent: QObject, moved: Callable[[], object]) -> None:
         self._viewer = weakref.ref(viewer)
         self._drawn: Shapes | None = None
+        self._along: Shapes | None = None
         self._in_space: Shapes | None = None
         self._finished = soon(parent, self._keep_newest)
         self._moved = soon(parent, moved)
@@ -79,14 +80,9 @@ class LineLayers:
 
     def _make(self, canvas: UnwrappedCanvas, rows: int) -> None:
         self._forget_drawn()
-        layer = self._drawn = Shapes(
-            ndim=2,
-            name=NAME,
-            edge_width=rows * WIDTH_2D,
-            edge_color=COLOUR,
-            axis_labels=IMAGE,
-            metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
-        )
+        self._along = _layer(WAY, rows * WIDTH_2D / 2, IMAGE)
+        layer = self._drawn = _layer(NAME, rows * WIDTH_2D, IMAGE)
+        canvas.add_chart_layer(self._along, "uv")
         layer.events.data.connect(self._on_data)
         # While a corner is dragged there is no other event.
         layer.events.set_data.connect(self._on_drawn)
@@ -108,6 +104,19 @@ class LineLayers:
             layer.remove_selected()
         self._moved.start()
 
+    # The way that is measured --------------------------------------------------------
+
+    def show_in_image(self, places: Floats | None) -> None:
+        """Show in the uv image which way the line takes, over the seam and on great circles.
+
+        Parameters
+        ----------
+        places : ndarray, (n, 2), optional
+            (v, u) in pixels; NaN breaks the line. None takes it away.
+        """
+        if self._along is not None:
+            _show(self._along, places, {})
+
     # In space ----------------------------------------------------------------------------
 
     def show_in_space(self, places: Floats | None) -> None:
@@ -121,30 +130,25 @@ class LineLayers:
         viewer = self._viewer()
         if viewer is None:
             return
-        pieces = [] if places is None else finite_pieces(places)
         layer = self._in_space
         if layer is not None and layer not in viewer.layers:
             layer = self._in_space = None
-        if not pieces:
-            if layer is not None:
-                layer.data = []
-            return
-        width = float(np.ptp(np.concatenate(pieces), axis=0).max()) * WIDTH_3D
         if layer is None:
+            if places is None:
+                return
             surface = [other for other in viewer.layers if chart_of(other) == "surface"]
             active = viewer.layers.selection.active
-            layer = self._in_space = Shapes(
-                ndim=3,
-                name=NAME,
+            layer = self._in_space = _layer(
+                NAME,
+                1.0,
+                SPACE,
                 translate=surface[0].translate if surface else (0.0, 0.0, 0.0),
                 units=(UNIT,) * 3,
-                axis_labels=SPACE,
-                metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
             )
             viewer.add_layer(layer)
             viewer.layers.selection.active = active
-        layer.data = []
-        layer.add(pieces, shape_type="path", edge_width=width, edge_color=COLOUR)
+        size = 1.0 if places is None else float(np.nanmax(np.ptp(places, axis=0), initial=0.0))
+        _show(layer, places, {"edge_width": size * WIDTH_3D})
 
     # The end ----------------------------------------------------------------------------
 
@@ -154,15 +158,21 @@ class LineLayers:
             self._drawn.events.set_data.disconnect(self._on_drawn)
             self._drawn = None
 
-    def close(self) -> None:
-        """Take both layers away."""
-        viewer, drawn = self._viewer(), self._drawn
+    def forget(self) -> None:
+        """Let go of the layers where they are."""
         self._forget_drawn()
+        self._in_space = self._along = None
+
+    def close(self) -> None:
+        """Take the layers away."""
+        viewer = self._viewer()
         canvas = None if viewer is None else open_canvas(viewer)
-        for model, layer in ((canvas and canvas.model, drawn), (viewer, self._in_space)):
+        second = None if canvas is None else canvas.model
+        layers = (second, self._drawn), (second, self._along), (viewer, self._in_space)
+        self.forget()
+        for model, layer in layers:
             if model is not None and layer is not None and layer in model.layers:
                 model.layers.remove(layer)
-        self._in_space = None
 
 
 def finite_pieces(places: Floats) -> list[Floats]:
@@ -170,3 +180,24 @@ def finite_pieces(places: Floats) -> list[Floats]:
     good = np.isfinite(places).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]])))
     return [places[start:stop] for start, stop in edges.reshape(-1, 2) if stop - start > 1]
+
+
+def _layer(name: str, width: float, axes: tuple[str, ...], **more: Any) -> Shapes:
+    return Shapes(
+        ndim=len(axes),
+        name=name,
+        edge_width=width,
+        edge_color=COLOUR,
+        opacity=1.0,
+        axis_labels=axes,
+        metadata={KEY: {"layer": name, "chart": "", "field": ""}},
+        **more,
+    )
+
+
+def _show(layer: Shapes, places: Floats | None, style: dict[str, Any]) -> None:
+    """Paths through the points (n, k), in the place of those before."""
+    layer.data = []
+    pieces = [] if places is None else finite_pieces(places)
+    if pieces:
+        layer.add(pieces, shape_type="path", edge_color=COLOUR, **style)
