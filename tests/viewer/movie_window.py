@@ -75,7 +75,7 @@ class MovieWindow:
         QTest.mouseClick(self.second, LEFT, NONE, self.pixel(v, u))
 
     def double_click(self, v: float, u: float) -> None:
-        self.move(v, u)
+        self.click(v, u)
         QTest.mouseDClick(self.second, LEFT, NONE, self.pixel(v, u))
 
     def drag(self, *places: tuple[float, float]) -> None:

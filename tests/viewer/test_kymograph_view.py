@@ -134,11 +134,13 @@ def test_over_the_seam_and_on_great_circles(
     assert len(window.canvas.model.layers[WAY].data) == 2, "on both sides of the seam"
 
 
-def test_without_a_movie_one_is_told(make_napari_viewer: Any, errors: list[str]) -> None:
+def test_without_a_movie_one_is_told(
+    make_napari_viewer: Any, errors: list[str], qtbot: Any
+) -> None:
     dock = KymographDock(make_napari_viewer())
     dock.draw_button.click()
     assert "no movie" in errors[0]
-    assert "no movie" in dock.status.text()
+    qtbot.waitUntil(lambda: "no movie" in dock.status.text(), timeout=SECONDS)
 
 
 def test_the_layers_go_with_the_dock(

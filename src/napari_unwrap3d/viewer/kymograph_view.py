@@ -78,6 +78,7 @@ class KymographDock(Docked):
         self._wait = soon(self, self._compute)
         self._connect()
         self._on_movie(self.session.movie)
+        viewer.window._qt_window.installEventFilter(self)
         end_with_dock(self)
 
     # Building ------------------------------------------------------------------
@@ -132,7 +133,6 @@ class KymographDock(Docked):
         self.session.frame_changed.connect(self._on_frame)
         # The layers go with the dock; those of a window that closes are napari's to remove.
         self.destroyed.connect(self.lines.close)
-        viewer.window._qt_window.installEventFilter(self)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes: leave its layers alone."""
