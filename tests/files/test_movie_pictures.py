@@ -175,7 +175,7 @@ def test_the_command_makes_an_mp4_and_an_export(
     assert read_stack(stack).time_step == TIME_STEP_S
     mp4, folder = tmp_path / "movie.mp4", tmp_path / "files"
     arguments = ["movie", str(breathing.folder.path), "-o", str(mp4), "--export", str(folder)]
-    line = ["--line", "-6,40 20,40", "--width", "0.3", "--field", "height_um"]
+    line = ["--line=-6,40:20,40", "--width", "0.3", "--field", "height_um"]
     projection = ["--stack", str(stack), "--channel", "1", "--reach", "0.3"]
     assert main([*arguments, *line, *projection, "--fps", "5"]) == 0
     assert str(mp4.name) in capsys.readouterr().out.replace("\n", "")

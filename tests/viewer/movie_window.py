@@ -20,10 +20,15 @@ class MovieWindow:
 
     def __init__(self, viewer: Any, movie: Any, qtbot: Any) -> None:
         self.viewer, self.movie, self.qtbot = viewer, movie, qtbot
-        self.canvas = open_atlas(viewer, movie.common, qtbot, names=("surface", "uv"))
         self.session = movie_session_of(viewer)
-        self.session.set_movie(movie)
-        qtbot.waitUntil(lambda: self.session.frame is not None, timeout=SECONDS)
+        if hasattr(self.session, "shown"):  # it shows the common space itself
+            from viewer.playing import Projector
+
+            self.canvas = Projector(viewer, movie, qtbot).canvas
+        else:
+            self.canvas = open_atlas(viewer, movie.common, qtbot, names=("surface", "uv"))
+            self.session.set_movie(movie)
+            qtbot.waitUntil(lambda: self.session.frame is not None, timeout=SECONDS)
 
     def dock(self, kind: Any, name: str) -> Any:
         widget = kind(self.viewer)
