@@ -75,9 +75,12 @@ class UvStacks:
     ----------
     images : dict of str to ndarray, (T, N, 2N) float32
         Mapped into memory: what is not used stays on the disk. NaN where a frame is missing.
+    missing : frozenset of int
+        The timepoints whose frames were not there.
     """
 
     images: dict[str, Images]
+    missing: frozenset[int] = frozenset()
 
     @classmethod
     def of(
@@ -99,10 +102,13 @@ class UvStacks:
             check_field(movie, name)
         shape = (len(movie), *movie.common.uv.shape)
         images = {name: _mapped(shape) for name in dict.fromkeys(names)}
+        missing = set()
         for timepoint, frame in made_frames(movie, progress, make=make):
             for name, stack in images.items():
                 stack[timepoint] = np.nan if frame is None else frame.uv[name]
-        return cls(images)
+            if frame is None:
+                missing.add(timepoint)
+        return cls(images, frozenset(missing))
 
 
 def _mapped(shape: tuple[int, ...]) -> Images:

@@ -163,6 +163,10 @@ class KymographDock(Docked):
             self._list_fields(frame)
         self.plot.show_time(frame.time_s)
         self._show_in_space()
+        if self._stacks is not None and frame.timepoint in self._stacks[2].missing:
+            # It was made since the movie was read.
+            self._stacks = None
+            self._later()
 
     def _colouring(self) -> Any:
         viewer = self.session.viewer
