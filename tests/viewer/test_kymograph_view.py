@@ -69,14 +69,15 @@ def test_a_line_is_drawn_edited_and_followed_in_time(
     np.testing.assert_allclose(np.concatenate(way.data), found.line.points)
     in_space = window.viewer.layers[NAME]
     assert in_space.units == window.viewer.layers["surface"].units
-    before = np.concatenate(in_space.data)
+    before = in_space.data[:, 0]
     on_it = line_on_surface(window.movie.common, found.line, window.session.frame)
     lift = window.movie.common.voxel_um
-    assert np.linalg.norm(before - on_it, axis=1).max() < lift
+    assert np.linalg.norm(before - on_it[:-1], axis=1).max() < lift
+    np.testing.assert_allclose(before[:-1] + in_space.data[:-1, 1], before[1:], atol=1e-5)
     press_plot(dock.plot, found.line.length_um / 2, 4.3)
     window.at(2)
     assert dock.plot._now.get_ydata()[0] == 4.0
-    after = np.concatenate(window.viewer.layers[NAME].data)
+    after = window.viewer.layers[NAME].data[:, 0]
     assert np.linalg.norm(after - before, axis=1).max() > 0.05
 
     # A corner is dragged.
@@ -118,7 +119,7 @@ def test_a_new_line_takes_the_place_of_the_old_one(
     layer.remove_selected()
     qtbot.waitUntil(lambda: dock.found is None, timeout=SECONDS)
     assert not dock.plot.isVisible()
-    assert not window.viewer.layers[NAME].data
+    assert not len(window.viewer.layers[NAME].data)
     assert not dock.export_button.isEnabled()
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from napari.layers import Shapes
+from napari.layers import Shapes, Vectors
 from qtpy.QtCore import QObject
 
 from ..charts import Floats
@@ -21,10 +21,11 @@ COLOUR = "#ffeb3b"
 KINDS = ("path", "line")
 # Of the image's height, and of the cell's size.
 WIDTH_2D, WIDTH_3D = 1 / 90, 1 / 90
+MINIMUM_UM = 0.1
 
 
 class LineLayers:
-    """One line, as a shape in the uv image and as paths in space.
+    """One line, as a shape in the uv image and as segments in space.
 
     Parameters
     ----------
@@ -39,7 +40,7 @@ class LineLayers:
         self._viewer = weakref.ref(viewer)
         self._drawn: Shapes | None = None
         self._along: Shapes | None = None
-        self._in_space: Shapes | None = None
+        self._in_space: Vectors | None = None
         self._finished = soon(parent, self._keep_newest)
         self._moved = soon(parent, moved)
 
@@ -80,8 +81,8 @@ class LineLayers:
 
     def _make(self, canvas: UnwrappedCanvas, rows: int) -> None:
         self._forget_drawn()
-        self._along = _layer(WAY, rows * WIDTH_2D / 2, IMAGE)
-        layer = self._drawn = _layer(NAME, rows * WIDTH_2D, IMAGE)
+        self._along = _layer(WAY, rows * WIDTH_2D / 2)
+        layer = self._drawn = _layer(NAME, rows * WIDTH_2D)
         canvas.add_chart_layer(self._along, "uv")
         layer.events.data.connect(self._on_data)
         # While a corner is dragged there is no other event.
@@ -115,7 +116,10 @@ class LineLayers:
             (v, u) in pixels; NaN breaks the line. None takes it away.
         """
         if self._along is not None:
-            _show(self._along, places, {})
+            self._along.data = []
+            pieces = [] if places is None else finite_pieces(places)
+            if pieces:
+                self._along.add(pieces, shape_type="path", edge_color=COLOUR)
 
     # In space ----------------------------------------------------------------------------
 
@@ -130,25 +134,30 @@ class LineLayers:
         viewer = self._viewer()
         if viewer is None:
             return
+        segments = np.zeros((0, 2, 3)) if places is None else segments_of(places)
         layer = self._in_space
-        if layer is not None and layer not in viewer.layers:
-            layer = self._in_space = None
-        if layer is None:
-            if places is None:
-                return
+        if layer is not None and layer in viewer.layers:
+            layer.data = segments
+        elif len(segments):
             surface = [other for other in viewer.layers if chart_of(other) == "surface"]
             active = viewer.layers.selection.active
-            layer = self._in_space = _layer(
-                NAME,
-                1.0,
-                SPACE,
+            size = float(np.ptp(segments[:, 0], axis=0).max())
+            # A path of a Shapes layer takes a tenth of a second to move.
+            self._in_space = Vectors(
+                segments,
+                name=NAME,
+                edge_width=max(size, MINIMUM_UM) * WIDTH_3D,
+                length=1,
+                edge_color=COLOUR,
+                vector_style="line",
+                opacity=1.0,
                 translate=surface[0].translate if surface else (0.0, 0.0, 0.0),
                 units=(UNIT,) * 3,
+                axis_labels=SPACE,
+                metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
             )
-            viewer.add_layer(layer)
+            viewer.add_layer(self._in_space)
             viewer.layers.selection.active = active
-        size = 1.0 if places is None else float(np.nanmax(np.ptp(places, axis=0), initial=0.0))
-        _show(layer, places, {"edge_width": size * WIDTH_3D})
 
     # The end ----------------------------------------------------------------------------
 
@@ -182,22 +191,20 @@ def finite_pieces(places: Floats) -> list[Floats]:
     return [places[start:stop] for start, stop in edges.reshape(-1, 2) if stop - start > 1]
 
 
-def _layer(name: str, width: float, axes: tuple[str, ...], **more: Any) -> Shapes:
+def segments_of(places: Floats) -> Floats:
+    """The parts of a line (n, 3) as (m, 2, 3): where each begins, and the way to its end."""
+    ways = np.diff(places, axis=0)
+    segments = np.stack([places[:-1], ways], axis=1)
+    return segments[np.isfinite(ways).all(axis=1)]
+
+
+def _layer(name: str, width: float) -> Shapes:
     return Shapes(
-        ndim=len(axes),
+        ndim=2,
         name=name,
         edge_width=width,
         edge_color=COLOUR,
         opacity=1.0,
-        axis_labels=axes,
+        axis_labels=IMAGE,
         metadata={KEY: {"layer": name, "chart": "", "field": ""}},
-        **more,
     )
-
-
-def _show(layer: Shapes, places: Floats | None, style: dict[str, Any]) -> None:
-    """Paths through the points (n, k), in the place of those before."""
-    layer.data = []
-    pieces = [] if places is None else finite_pieces(places)
-    if pieces:
-        layer.add(pieces, shape_type="path", edge_color=COLOUR, **style)
