@@ -188,6 +188,13 @@ class Pipeline:
         if name in self.kept:
             self.kept[name] = replace(self.kept[name], value=value, numbers=dict(numbers))
 
+    def provide(
+        self, name: str, value: Any, numbers: Mapping[str, Any], parameters: Parameters
+    ) -> None:
+        """Put what was made elsewhere in the place of a step's result: it need not run."""
+        key = self._key(_BY_NAME[name], parameters)
+        self.kept[name] = Kept(key, value, dict(numbers), 0.0)
+
     def value(self, name: str) -> Any:
         """Result of a step that has run."""
         return self.kept[name].value
