@@ -1,4 +1,4 @@
-"""Fit one mesh to another: rigidly, then as rigidly as possible, softer and softer.
+"""Fit one mesh to another: rigidly, stretched as a whole, then bent, softer and softer.
 
 Every vertex is drawn to the plane of the nearest place of the target, and every place of the
 target draws the nearest place of the mesh, so that what has grown pulls as much as what has
@@ -23,11 +23,31 @@ from .rigid import Rigid
 RIGID_ITERATIONS = 40
 # A step that turns or moves the mesh by less than this part of its size is the last one.
 RIGID_STILL = 1e-5
+AFFINE_ITERATIONS, AFFINE_STILL, AFFINE_HOLD = 40, 1e-4, 0.01
 # Features larger than this part of the radius are followed, first and last.
 STIFFNESSES = (0.5, 0.2, 0.06, 0.02)
 ITERATIONS = 6
-# Where the planes lie farther away than so many times the median, they draw less.
-FAR = 3.0
+# Where the planes lie farther away than so many times the median, and than this part of the
+# radius, they draw less.
+FAR, NEAR = 3.0, 0.1
+
+
+def fit_mesh(vertices: Floats, faces: Ints, target: Target, progress: Progress) -> Floats:
+    """Vertices (n, 3) of a mesh brought onto another, its places with it as far as can be told.
+
+    Rigidly first, then stretched as a whole, and bent last, with as little strain beyond that
+    as leads there: of a smooth body its shape tells no more.
+
+    Parameters
+    ----------
+    vertices : ndarray, (n, 3)
+    faces : ndarray, (m, 3)
+    target : Target
+    progress : Progress
+    """
+    motion = fit_rigid(vertices, faces, target, progress.part(0.0, 0.3))
+    stretched = fit_affine(motion.apply(vertices), faces, target, progress.part(0.3, 0.5))
+    return fit_soft(stretched, stretched, faces, target, progress.part(0.5, 1.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +97,11 @@ class Target:
             SurfaceLocator(vertices, faces),
         )
 
+    @property
+    def radius(self) -> float:
+        """Of the ball with the same area."""
+        return float(np.sqrt(self.areas.sum() / (4.0 * np.pi)))
+
     def pulls(self, vertices: Floats, faces: Ints) -> Pulls:
         """How the target draws a mesh."""
         normals = vertex_normals(vertices, faces)
@@ -97,7 +122,7 @@ class Target:
         )
         agreement = np.einsum("ij,ij->i", pulls.normals, np.concatenate([normals, facing]))
         gap = np.abs(_gaps(pulls, vertices))
-        limit = max(FAR * float(np.median(gap)), 1e-9)
+        limit = max(FAR * float(np.median(gap)), NEAR * self.radius)
         strength = pulls.strength * np.maximum(agreement, 0.0) ** 2 / (1.0 + (gap / limit) ** 2)
         return Pulls(pulls.corners, pulls.weights, pulls.planes, pulls.normals, strength)
 
@@ -119,7 +144,7 @@ def fit_rigid(vertices: Floats, faces: Ints, target: Target, progress: Progress)
     progress : Progress
     """
     motion = Rigid()
-    size = float(np.sqrt(target.areas.sum()))
+    size = target.radius
     for iteration in range(RIGID_ITERATIONS):
         progress(iteration / RIGID_ITERATIONS, "fitting rigidly")
         moved = motion.apply(vertices)
@@ -142,6 +167,63 @@ def _rigid_step(pulls: Pulls, vertices: Floats) -> Rigid:
     square += 1e-6 * np.diag(np.diag(square)) + 1e-12 * np.trace(square) * np.eye(6)
     found = np.linalg.solve(square, weighted.T @ _gaps(pulls, vertices))
     return Rigid.about(centre, rotation_of(found[:3]), found[3:])
+
+
+def fit_affine(vertices: Floats, faces: Ints, target: Target, progress: Progress) -> Floats:
+    """Vertices (n, 3) of a mesh stretched and sheared as a whole onto another.
+
+    Parameters
+    ----------
+    vertices : ndarray, (n, 3)
+        Fitted rigidly.
+    faces : ndarray, (m, 3)
+    target : Target
+    progress : Progress
+    """
+    size = target.radius
+    current = vertices
+    for iteration in range(AFFINE_ITERATIONS):
+        progress(iteration / AFFINE_ITERATIONS, "fitting the stretch")
+        pulls = _anchored(target.pulls(current, faces), vertices, AFFINE_HOLD)
+        moved = _affine_step(pulls, current, size)
+        shift = np.linalg.norm(moved - current, axis=1).max()
+        current = moved
+        if shift < AFFINE_STILL * size:
+            break
+    return current
+
+
+def _anchored(pulls: Pulls, start: Floats, hold: float) -> Pulls:
+    """With a weak pull of every vertex to where it started.
+
+    Of a smooth body many stretches fit nearly as well, turned along its surface: the one that
+    moves it least is taken.
+    """
+    size = len(start)
+    corners = np.repeat(np.arange(3 * size) // 3, 3).reshape(-1, 3)
+    weights = np.zeros((3 * size, 3))
+    weights[:, 0] = 1.0
+    strength = np.full(3 * size, hold * pulls.strength.sum() / size)
+    return Pulls(
+        np.concatenate([pulls.corners, corners]),
+        np.concatenate([pulls.weights, weights]),
+        np.concatenate([pulls.planes, np.repeat(start, 3, axis=0)]),
+        np.concatenate([pulls.normals, np.tile(np.eye(3), (size, 1))]),
+        np.concatenate([pulls.strength, strength]),
+    )
+
+
+def _affine_step(pulls: Pulls, vertices: Floats, size: float) -> Floats:
+    centre = vertices.mean(axis=0)
+    arms = (pulls.places(vertices) - centre) / size
+    rows = np.einsum("ij,ik->ijk", pulls.normals, arms).reshape(-1, 9)
+    rows = np.concatenate([rows, pulls.normals], axis=1)
+    weighted = rows * pulls.strength[:, None]
+    square = weighted.T @ rows
+    found = np.linalg.solve(square, weighted.T @ _gaps(pulls, vertices))
+    stretch, shift = found[:9].reshape(3, 3), found[9:]
+    moved: Floats = vertices + (vertices - centre) / size @ stretch.T + shift
+    return moved
 
 
 def rotation_of(vector: Floats) -> Floats:
@@ -182,7 +264,7 @@ def fit_soft(
         For each.
     """
     resistance = _Resistance(rest, faces)
-    radius = float(np.sqrt(target.areas.sum() / (4.0 * np.pi)))
+    radius = target.radius
     current, total = start, len(stiffnesses) * iterations
     for index, stiffness in enumerate(stiffnesses):
         for iteration in range(iterations):

@@ -8,13 +8,14 @@ import scipy.sparse as sparse
 from ..progress import Progress
 from .distortion import spherical_determinants
 from .fit import nearest_rotations
-from .laplacian import Factor, Floats, Ints, cotangent_laplacian, vertex_mass
+from .laplacian import Floats, Ints, ReusedFactor, cotangent_laplacian, vertex_mass
 from .mesh import unit
 
 KABSCH_ITERATIONS = 30
 SAME_ROTATION = 1e-12
-# Details smaller than this many radians of the displacement are smoothed away, first and last.
-SMOOTHNESSES = (0.5, 0.25, 0.12, 0.06, 0.03)
+# Details of the displacement smaller than this many radians are smoothed away, first and last:
+# finer ones are those of the targets' own mesh.
+SMOOTHNESSES = (0.5, 0.25)
 ITERATIONS = 4
 # A step may shrink a face's determinant to this fraction at the most.
 KEPT_DETERMINANT = 0.3
@@ -84,10 +85,12 @@ def move_towards(
     """
     current = directions
     for index, smoothness in enumerate(smoothnesses):
+        solver = ReusedFactor()
         for iteration in range(ITERATIONS):
             done = (index * ITERATIONS + iteration) / (len(smoothnesses) * ITERATIONS)
             progress(done, "aligning the sphere")
-            way = _smoothed(current, faces, _tangential(current, targets), weights, smoothness)
+            way = _tangential(current, targets)
+            way = progress.run(_smoothed, current, faces, way, weights, smoothness, solver)
             moved = _stepped(current, way, faces)
             if moved is None:
                 break
@@ -103,12 +106,17 @@ def _tangential(current: Floats, targets: Floats) -> Floats:
 
 
 def _smoothed(
-    current: Floats, faces: Ints, way: Floats, weights: Floats, smoothness: float
+    current: Floats,
+    faces: Ints,
+    way: Floats,
+    weights: Floats,
+    smoothness: float,
+    solver: ReusedFactor,
 ) -> Floats:
     mass = weights * vertex_mass(current, faces)
     matrix = sparse.diags_array(mass) - smoothness**2 * cotangent_laplacian(current, faces)
     held = sparse.csr_array(matrix + 1e-9 * float(mass.mean()) * sparse.eye_array(len(mass)))
-    smooth = Factor(held).solve(mass[:, None] * way)
+    smooth = solver.solve(held, mass[:, None] * way)
     tangent: Floats = smooth - np.einsum("ij,ij->i", smooth, current)[:, None] * current
     return tangent
 

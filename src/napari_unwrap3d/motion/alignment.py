@@ -19,7 +19,7 @@ from scipy import ndimage
 from ..atlas import Atlas
 from ..charts import Floats, Ints, Mask, Reference, Sphere, Surface
 from ..geometry.distortion import flipped_faces, mean_log_area_distortion
-from ..geometry.fit import Target, fit_rigid, fit_soft
+from ..geometry.fit import Target, fit_mesh
 from ..geometry.laplacian import vertex_mass
 from ..geometry.locate import SurfaceLocator, interpolate
 from ..geometry.marching import clamped_marching_cubes
@@ -35,6 +35,8 @@ from ..unwrapping.surface import smooth_solid
 from ..unwrapping.uv import uv_image
 
 DIRECTION = "direction"
+# What the areas of an aligned sphere are: those that the places have on the common one.
+COMMON = "common"
 GUIDE_VERTICES, TARGET_VERTICES = 1000, 3000
 # Solids are smoothed by this part of the radius of the largest ball in them: what comes and goes
 # on the cortex is not followed.
@@ -77,10 +79,7 @@ def fitted(guide: Surface, mask: Mask, progress: Progress) -> Surface:
     """
     target = Target.of(*smoothed_mesh(mask, TARGET_VERTICES))
     progress(0.1, "fitting the guide")
-    motion = fit_rigid(guide.vertices, guide.faces, target, progress.part(0.1, 0.4))
-    start = motion.apply(guide.vertices)
-    part = progress.part(0.4, 1.0)
-    vertices = fit_soft(start, guide.vertices, guide.faces, target, part)
+    vertices = fit_mesh(guide.vertices, guide.faces, target, progress.part(0.1, 1.0))
     return replace(guide, vertices=vertices)
 
 
@@ -128,7 +127,8 @@ def aligned(
     turned = unit(sphere.vertices @ rotation.T)
     part = progress.part(0.1, 0.9)
     moved = move_towards(turned, sphere.faces, targets, trust, part)
-    chart = replace(sphere, vertices=moved, conformal=unit(sphere.conformal @ rotation.T))
+    conformal = unit(sphere.conformal @ rotation.T)
+    chart = replace(sphere, vertices=moved, conformal=conformal, target=COMMON)
     progress(0.9, "measuring the alignment")
     stages = {"own": sphere.vertices, "rotated": turned, "aligned": moved}
     numbers: dict[str, Any] = {"flipped_faces": flipped_faces(moved, sphere.faces)}
