@@ -31,6 +31,7 @@ from .signals import Signals
 
 AREA = "area_um2"
 HEIGHT = "height_um"
+OUTSIDE = "outside"
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,12 @@ def frame_at(
         (d µm, v, u) of its vertices.
     """
     chart = space.topography_of(cell, image)
-    fields: dict[str, npt.NDArray[Any]] = {HEIGHT: image[:, 0], AREA: elements(cell)}
+    outside = np.asarray(~np.isfinite(image).all(axis=1), np.float32)
+    fields: dict[str, npt.NDArray[Any]] = {
+        HEIGHT: image[:, 0],
+        AREA: elements(cell),
+        OUTSIDE: outside,
+    }
     if stack is not None:
         signals = Signals.chosen(stack, parameters.movie)
         fields |= signals.at(cell.vertices, mask, registered, progress.part(0.0, 0.4))
@@ -142,7 +148,8 @@ def frame_at(
     numbers: Mapping[str, Any] = {"projection": OUTERMOST}
     if parameters.movie.projection == PLANE:
         part = progress.part(0.4, 0.9)
-        shown, numbers = plane_images(cell, chart, space.atlas.uv, mask, parameters, part)
+        visible = replace(cell, fields=_shown(cell))
+        shown, numbers = plane_images(visible, chart, space.atlas.uv, mask, parameters, part)
     return Frame(
         timepoint=timepoint,
         time_s=time_s,
@@ -150,31 +157,37 @@ def frame_at(
         topography=image,
         uv=images(outermost, cell) if shown is None else shown,
         mask=mask,
-        numbers={**measured(cell, image, outermost), **numbers},
+        numbers={**measured(cell, outermost, space), **numbers},
     )
+
+
+def _shown(cell: Surface) -> dict[str, npt.NDArray[Any]]:
+    """The fields that have an image: the others are of vertices alone."""
+    return {name: v for name, v in cell.fields.items() if name not in (AREA, OUTSIDE)}
 
 
 def images(outermost: OutermostSurface, cell: Surface) -> dict[str, npt.NDArray[np.float32]]:
     """Every field of a surface over the pixels, and the area element of S^t(u, v)."""
     found = {
-        name: outermost.image(values).astype(np.float32)
-        for name, values in cell.fields.items()
-        if name != AREA
+        name: outermost.image(values).astype(np.float32) for name, values in _shown(cell).items()
     }
     positions = np.stack([outermost.image(axis) for axis in cell.vertices.T], axis=-1)
     found[AREA] = pixel_distortion(positions)[AREA].astype(np.float32)
     return found
 
 
-def measured(cell: Surface, image: Floats, outermost: OutermostSurface) -> Mapping[str, Any]:
+def measured(cell: Surface, outermost: OutermostSurface, space: CommonSpace) -> Mapping[str, Any]:
     """What of a timepoint's surface the common space holds, and what (u, v) shows of it."""
     area = np.asarray(cell.fields[AREA])
-    outside = ~np.isfinite(image).all(axis=1)
+    outside = np.asarray(cell.fields[OUTSIDE]) > 0
     total = float(area.sum())
+    pixels = np.asarray(space.atlas.uv.fields[AREA])
+    empty = float(pixels[outermost.face < 0].sum())
     return {
         "area_um2": total,
         "volume_um3": cell.report.get("volume_um3"),
         "outside_area_um2": float(area[outside].sum()),
         "outside_fraction": float(area[outside].sum() / total),
-        "empty_pixels": int((outermost.face < 0).sum()),
+        "empty_area_um2": empty,
+        "empty_fraction": empty / float(pixels.sum()),
     }

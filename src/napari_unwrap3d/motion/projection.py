@@ -35,6 +35,7 @@ def plane_images(
     Parameters
     ----------
     cell : Surface
+        With the fields that are to be shown.
     chart : Topography
         With that surface in it.
     uv : UV
@@ -65,7 +66,6 @@ def _images(cell: Surface, sealed: SealedSurface, flat: Plane) -> Images:
     found = {
         name: _over_pixels(values, sealed, flat).astype(np.float32)
         for name, values in _on_sealed(cell, sealed).items()
-        if name != AREA
     }
     return found | {AREA: flat.fields[AREA].astype(np.float32)}
 

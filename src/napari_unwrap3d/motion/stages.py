@@ -15,8 +15,8 @@ from typing import Any, Literal
 import numpy as np
 
 from ..atlas import Atlas
-from ..charts import Mask, Stack, Surface, Volume
-from ..errors import InputError
+from ..charts import Mask, Stack, Surface, TemporalMask, Volume
+from ..errors import InputError, NoMeanError
 from ..files.movie import MovieFolder
 from ..files.project import load_project, save_project
 from ..imaging.register import Registered, register
@@ -109,13 +109,17 @@ class MovieWork:
         chosen = self.parameters.movie
         which = self._chosen_timepoint()
         first, _ = self.folder.mask(which)
-        temporal = mean.mask()
+        temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
         advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
         method = advice.method if chosen.common == "recommended" else chosen.common
-        source: Source = temporal if method == MEAN else mean.placed(first)
-        if method == EACH:
+        source: Source
+        if method == MEAN:
+            source = temporal if temporal is not None else mean.mask()
+        elif method == EACH:
             source = self._own_source(which, first)
+        else:
+            source = mean.placed(first)
         pipeline = Pipeline(source)
         end = 0.5 if method == EACH else 0.95
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
@@ -238,6 +242,13 @@ class MovieWork:
         for timepoint in range(len(self.lapse)):
             progress(timepoint / len(self.lapse), "the cell at all timepoints")
             yield self.folder.mask(timepoint)[0]
+
+    @staticmethod
+    def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
+        try:
+            return mean.mask()
+        except NoMeanError:
+            return None
 
     def _chosen_timepoint(self) -> int:
         which = self.parameters.movie.timepoint
