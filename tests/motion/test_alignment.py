@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,12 @@ import pytest
 from moving import quick
 from napari_unwrap3d import Movie, Surface, unwrap_movie
 from napari_unwrap3d.geometry.fit import rotation_of
-from napari_unwrap3d.motion.alignment import in_order
+from napari_unwrap3d.geometry.spherical_alignment import angles
+from napari_unwrap3d.motion.alignment import DIRECTION, aligned, in_order
+from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.uv import uv_to_direction
-from shapes import icosphere
+from shapes import icosphere, rotation
+from synthetic import CENTRE, RADIUS, make_atlas
 
 ROWS = 64
 TURN = np.array([0.1, 0.2, -0.15])
@@ -98,6 +102,28 @@ def test_a_frame_does_not_depend_on_which_were_made_before(movie: Movie, tmp_pat
     np.testing.assert_array_equal(one.topography, two.topography)
     for name, image in one.uv.items():
         np.testing.assert_array_equal(image, two.uv[name])
+
+
+@pytest.mark.parametrize("seed", range(2))
+def test_a_sphere_that_came_turned_is_turned_back(seed: int) -> None:
+    """The same reference, whose sphere came out in any position."""
+    common = make_atlas(subdivisions=4)
+    turn = rotation(seed)
+    place = common.sphere.vertices @ turn.T
+    sphere = replace(common.sphere, vertices=place, conformal=place)
+    guide = Surface(*make_guide())
+    sphere, numbers = aligned(common.reference, sphere, guide, common, silent())
+    off = angles(sphere.vertices, common.sphere.vertices)
+    assert np.degrees(off.max()) < 0.2
+    assert np.degrees(numbers["angle_own_rad"]) > 20
+    assert numbers["flipped_faces"] == 0
+    np.testing.assert_allclose(sphere.conformal, common.sphere.conformal, atol=2e-3)
+
+
+def make_guide() -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
+    """A coarser mesh of the round reference, which knows its places."""
+    directions, faces = icosphere(3)
+    return CENTRE + RADIUS * directions, faces, {DIRECTION: directions}
 
 
 def test_the_guide_goes_from_neighbour_to_neighbour() -> None:

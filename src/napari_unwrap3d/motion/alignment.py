@@ -10,7 +10,7 @@ the places of its reference are on the common one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -83,32 +83,13 @@ def fitted(guide: Surface, mask: Mask, progress: Progress) -> Surface:
     return replace(guide, vertices=vertices)
 
 
-@dataclass(frozen=True, eq=False)
-class Aligned:
-    """The sphere of a timepoint, aligned with the common one, and how well that went.
-
-    Attributes
-    ----------
-    sphere : Sphere
-        Directions of the common sphere; both states are turned, the chosen one is moved.
-    rotation : ndarray, (3, 3)
-        From the timepoint's own sphere to the common one.
-    numbers : dict
-        JSON-able, for ``quality["alignment"]``.
-    """
-
-    sphere: Sphere
-    rotation: Floats
-    numbers: dict[str, Any]
-
-
 def aligned(
     reference: Reference,
     sphere: Sphere,
     guide: Surface,
     common: Atlas,
     progress: Progress,
-) -> Aligned:
+) -> tuple[Sphere, dict[str, Any]]:
     """Align the sphere of a timepoint with the common one.
 
     Parameters
@@ -120,6 +101,16 @@ def aligned(
     common : Atlas
         Of the chosen timepoint.
     progress : Progress
+
+    Returns
+    -------
+    sphere : Sphere
+        Both states are turned, the chosen one is also moved, without a flip.
+    numbers : dict
+        For ``quality["alignment"]``, JSON-able. Of the sphere as it came ("own"), turned
+        ("rotated") and moved ("aligned"): how far its places are, on average by area, from where
+        the guide puts them, as ``angle_*_rad`` on the sphere and ``residual_*_um`` on the common
+        reference; of the latter two also the mean |log λ| against the timepoint's reference.
     """
     targets, trust = wanted_places(reference, guide, common.voxel_um)
     mass = vertex_mass(reference.vertices, reference.faces)
@@ -140,7 +131,7 @@ def aligned(
         numbers[f"mean_abs_log_lambda_{name}"] = mean_log_area_distortion(
             reference.vertices, directions, sphere.faces
         )
-    return Aligned(chart, rotation, numbers)
+    return chart, numbers
 
 
 def aligned_atlas(
@@ -166,15 +157,15 @@ def aligned_atlas(
     pipeline = Pipeline(source)
     own = pipeline.run(parameters, report, until="sphere")
     progress = Progress(report, "sphere")
-    found = aligned(own.reference, own.sphere, guide, common, progress)
-    numbers = measure.measure_sphere(own.reference, found.sphere)
-    pipeline.provide("sphere", found.sphere, numbers, parameters)
+    sphere, found = aligned(own.reference, own.sphere, guide, common, progress)
+    numbers = measure.measure_sphere(own.reference, sphere)
+    pipeline.provide("sphere", sphere, numbers, parameters)
     rotation, rows = common.uv.rotation, parameters.uv.rows
-    image = uv_image(own.reference, found.sphere, rotation, rows, progress.named("uv"))
+    image = uv_image(own.reference, sphere, rotation, rows, progress.named("uv"))
     numbers = measure.measure_uv(own.reference, image)
     pipeline.provide("uv", image, numbers, parameters)
     atlas = pipeline.run(parameters, report)
-    return atlas.replaced(quality={**atlas.quality, "alignment": found.numbers})
+    return atlas.replaced(quality={**atlas.quality, "alignment": found})
 
 
 def wanted_places(reference: Reference, guide: Surface, voxel_um: float) -> tuple[Floats, Floats]:
