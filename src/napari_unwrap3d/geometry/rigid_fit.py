@@ -100,13 +100,16 @@ def fit_motion(
     centre = samples.points.mean(axis=0)
     offset = samples.points - centre
     radius = float(np.sqrt((offset**2).sum(axis=1).mean()))
-    turning = np.cross(offset, samples.gradients) / radius
-    motions = [samples.gradients, turning] if rotate else [samples.gradients]
-    columns = sum(part.shape[1] for part in motions)
-    pose, weights = start, np.ones(len(offset))
+    motions = [samples.gradients]
+    if rotate:
+        motions.append(np.cross(offset, samples.gradients) / radius)
+    count = 3 * len(motions)
+    ones = np.ones(len(offset))
+    # Unknowns: the motion, the gain of what is found in the moving volume, offset and slope.
+    design = np.column_stack([*motions, ones, ones, offset / radius])
+    pose, weights = start, ones
     for iteration in range(1, ITERATIONS + 1):
-        found, inside = sampled(moving, origin, edge, pose.inverse().apply(samples.points))
-        design = np.column_stack([*motions, found, np.ones(len(offset)), offset / radius])
+        design[:, count], inside = sampled(moving, origin, edge, samples.points, pose)
         weighing = np.where(inside, weights, 0.0)
         unknowns = _solved(design, samples.values, weighing)
         if unknowns is None:
@@ -114,7 +117,7 @@ def fit_motion(
         wrong = np.abs(samples.values - design @ unknowns)
         spread = NORMAL_MAD * float(np.median(wrong[inside]))
         weights = np.clip(1.0 - (wrong / max(REJECTED * spread, 1e-12)) ** 2, 0.0, None) ** 2
-        step = unknowns[:columns].copy()
+        step = unknowns[:count].copy()
         length = float(np.linalg.norm(step))
         step *= min(1.0, LONGEST_STEP * edge / max(length, 1e-12))
         pose = _step(step, centre, radius) @ pose
@@ -124,11 +127,30 @@ def fit_motion(
 
 
 def sampled(
-    volume: npt.NDArray[np.float32], origin: npt.ArrayLike, edge: float, points: Floats
+    moving: npt.NDArray[np.float32],
+    origin: npt.ArrayLike,
+    edge: float,
+    points: Floats,
+    pose: Rigid,
 ) -> tuple[Floats, npt.NDArray[np.bool_]]:
-    """Trilinear values (n,) of a volume at points (n, 3) in µm, and which of them are inside."""
+    """What a motion brings to points: trilinear values (n,), 0 outside, and what is inside.
+
+    Parameters
+    ----------
+    moving : ndarray, (z, y, x) float32
+    origin : (float, float, float)
+        Centre of its first voxel in µm.
+    edge : float
+        Of its voxels in µm.
+    points : ndarray, (n, 3)
+        In µm of the fixed volume's world.
+    pose : Rigid
+        From the moving volume's world to the fixed one's.
+    """
+    back = pose.inverse()
+    offset = (back.translation - np.asarray(origin, float)) / edge
     values, inside = np.empty(len(points)), np.empty(len(points), bool)
-    _sample(volume, (points - np.asarray(origin, float)) / edge, values, inside)
+    _sample(moving, np.ascontiguousarray(back.rotation / edge), offset, points, values, inside)
     return values, inside
 
 
@@ -141,7 +163,7 @@ def _step(step: Floats, centre: Floats, radius: float) -> Rigid:
 
 def _solved(design: Floats, values: Floats, weights: Floats) -> Floats | None:
     """Least squares with weights; None where there is not enough to go by."""
-    normal, right = _normal_equations(np.ascontiguousarray(design), values, weights)
+    normal, right = _normal_equations(design, values, weights)
     size = np.sqrt(np.diag(normal))
     if not (size > 0).all():
         return None
@@ -173,10 +195,13 @@ def _normal_equations(design, values, weights):  # type: ignore[no-untyped-def]
 
 
 @numba.njit(nogil=True, cache=True)
-def _sample(volume, index, values, inside):  # type: ignore[no-untyped-def]
+def _sample(volume, matrix, offset, points, values, inside):  # type: ignore[no-untyped-def]
     nz, ny, nx = volume.shape
-    for n in range(index.shape[0]):
-        z, y, x = index[n, 0], index[n, 1], index[n, 2]
+    for n in range(points.shape[0]):
+        p, q, r = points[n, 0], points[n, 1], points[n, 2]
+        z = matrix[0, 0] * p + matrix[0, 1] * q + matrix[0, 2] * r + offset[0]
+        y = matrix[1, 0] * p + matrix[1, 1] * q + matrix[1, 2] * r + offset[1]
+        x = matrix[2, 0] * p + matrix[2, 1] * q + matrix[2, 2] * r + offset[2]
         inside[n] = 0 <= z <= nz - 1 and 0 <= y <= ny - 1 and 0 <= x <= nx - 1
         if not inside[n]:
             values[n] = 0.0

@@ -49,7 +49,7 @@ def isotropic(volume: Volume, blur_um: float, edge: float) -> Volume:
     data = np.asarray(volume.data)
     for axis in (2, 1, 0):  # the longest rows first: what follows is smaller
         size = volume.voxel_size[axis]
-        sigma = np.sqrt(max(blur_um**2 - size**2, 0.0)) / size
+        sigma = float(np.sqrt(max(blur_um**2 - size**2, 0.0))) / size
         data = _along(data, axis, sigma, edge / size)
     return Volume(data, (edge, edge, edge), volume.origin)
 
@@ -59,7 +59,8 @@ def _along(
 ) -> npt.NDArray[np.float32]:
     """Blur and resample one axis; σ and step in voxels."""
     count = data.shape[axis]
-    places = np.arange(int(np.floor((count - 1) / step + 1e-9)) + 1) * step
+    steps = int(np.floor((count - 1) / step + 1e-9))
+    places = np.linspace(0.0, steps * step, steps + 1)
     weights = _weights(count, sigma, places)
     rest = np.moveaxis(data, axis, 0)
     shape = rest.shape[1:]

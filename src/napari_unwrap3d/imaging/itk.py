@@ -19,11 +19,11 @@ Metric = Literal["correlation", "mutual information"]
 Bools = npt.NDArray[np.bool_]
 
 # Voxels per node of the coarser and the finer level, and the σ of their blur in voxels.
-SHRINK = {"correlation": (4, 2), "mutual information": (2, 1)}
-BLUR = {"correlation": (4.0, 2.0), "mutual information": (2.0, 0.0)}
+SHRINK = {"correlation": (6, 3), "mutual information": (2, 1)}
+BLUR = {"correlation": (6.0, 3.0), "mutual information": (2.0, 0.0)}
 # First and last step in voxels, and how many steps.
 FIRST_STEP = {"correlation": 2.0, "mutual information": 1.0}
-LAST_STEP = {"correlation": 0.05, "mutual information": 0.002}
+LAST_STEP = {"correlation": 0.2, "mutual information": 0.002}
 STEPS = 100
 BINS = 48
 FLIP = np.eye(3)[::-1]
@@ -56,8 +56,7 @@ def best_motion(
     rotate : bool
         Whether the motion turns, too; else it shifts.
     """
-    import SimpleITK as sitk
-
+    sitk = _simple_itk()
     edge = fixed.voxel_size[0]
     method = sitk.ImageRegistrationMethod()
     method.SetNumberOfThreads(1)
@@ -91,13 +90,20 @@ def best_motion(
     return _rigid(transform)
 
 
+def _simple_itk() -> Any:
+    """The library, imported when it is needed; it declares no types."""
+    import SimpleITK
+
+    return SimpleITK
+
+
 def _execute(method: Any, images: tuple[Any, Any]) -> None:
     method.Execute(*images)
 
 
 def _follow(method: Any, progress: Progress) -> None:
     """Stop after a step where the user asked to; ITK takes no exception from a callback."""
-    import SimpleITK as sitk
+    sitk = _simple_itk()
 
     def stop_if_asked() -> None:
         if progress.cancelled.is_set():
@@ -108,8 +114,7 @@ def _follow(method: Any, progress: Progress) -> None:
 
 
 def _image(data: npt.NDArray[Any], like: Volume) -> Any:
-    import SimpleITK as sitk
-
+    sitk = _simple_itk()
     image = sitk.GetImageFromArray(np.ascontiguousarray(data))
     image.SetSpacing([float(s) for s in like.voxel_size[::-1]])
     image.SetOrigin([float(o) for o in like.origin[::-1]])
@@ -118,8 +123,7 @@ def _image(data: npt.NDArray[Any], like: Volume) -> Any:
 
 def _transform(start: Rigid, centre: Floats, rotate: bool) -> Any:
     """ITK's transforms map the points of the fixed image into the moving one."""
-    import SimpleITK as sitk
-
+    sitk = _simple_itk()
     back = start.inverse()
     if not rotate:
         return sitk.TranslationTransform(3, [float(t) for t in back.translation[::-1]])

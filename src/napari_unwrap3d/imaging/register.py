@@ -30,7 +30,7 @@ Bools = npt.NDArray[np.bool_]
 COARSE_VOXELS = 48**3
 # The volumes that are compared have at most this many.
 FINE_VOXELS = 1 << 23
-POINTS = 150_000
+POINTS = 100_000
 # Around the cell's outline so far outwards and inwards, in σ of the blur.
 OUTWARDS, INWARDS = 2.5, 8.0
 # The moving cell is looked for in a box larger by this part of the fixed cell's, which has
@@ -63,6 +63,11 @@ class Registered:
         """From the world of a channel to the common one; the intensities move once."""
         other = self.channels.get(channel)
         return self.pose if other is None else self.pose @ other
+
+    def with_channels_of(self, other: Registered) -> Registered:
+        """The same, with the channels where they lie at another timepoint."""
+        found = other.numbers.get("channels", {})
+        return Registered(self.pose, other.channels, {**self.numbers, "channels": found})
 
     def to_plain(self) -> dict[str, Any]:
         """As JSON holds it."""
@@ -133,7 +138,7 @@ def register(
     kept = fit.weights > 0
     points, values = samples.points[kept], samples.values[kept]
     before, after = (
-        _residual(values, *sampled(pair.moving.data, origin, edge, pose.inverse().apply(points)))
+        _residual(values, *sampled(pair.moving.data, origin, edge, points, pose))
         for pose in (Rigid(), fit.pose)
     )
     if after > DOUBTFUL:
