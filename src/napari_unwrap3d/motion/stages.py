@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..charts import Mask, Stack, Surface, Volume
-from ..errors import InputError
+from ..charts import Mask, Stack, Surface, TemporalMask, Volume
+from ..errors import InputError, NoMeanError
 from ..files.movie import MovieFolder
 from ..files.project import load_project, save_project
 from ..imaging.register import Registered, register
@@ -107,11 +107,14 @@ class MovieWork:
         chosen = self.parameters.movie
         which = self._chosen_timepoint()
         first, _ = self.folder.mask(which)
-        temporal = mean.mask()
+        temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
         advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
         method = advice.method if chosen.common == "recommended" else chosen.common
-        source = temporal if method == MEAN else mean.placed(first)
+        if method == MEAN:
+            source = temporal if temporal is not None else mean.mask()
+        else:
+            source = mean.placed(first)
         pipeline = Pipeline(source)
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
         save_project(atlas, self.folder.common_path, source=source)
@@ -189,6 +192,13 @@ class MovieWork:
         for timepoint in range(len(self.lapse)):
             progress(timepoint / len(self.lapse), "the cell at all timepoints")
             yield self.folder.mask(timepoint)[0]
+
+    @staticmethod
+    def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
+        try:
+            return mean.mask()
+        except NoMeanError:
+            return None
 
     def _chosen_timepoint(self) -> int:
         which = self.parameters.movie.timepoint
