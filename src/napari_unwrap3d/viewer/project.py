@@ -65,16 +65,28 @@ class Opened:
     layers: list[LayerData]
     view: Mapping[str, Any]
 
+    @property
+    def known(self) -> Known:
+        """What a session goes on with."""
+        shown = dict(atlas_charts(self.atlas))
+        return Known(self.pipeline, self.identity, self.origin, shown)
 
-def read_opened(path: str | Path) -> Opened:
+
+def read_opened(path: str | Path, atlas: Atlas | None = None) -> Opened:
     """Read a project and make its layers: what takes long, to be done in a thread.
+
+    Parameters
+    ----------
+    path : path
+    atlas : Atlas, optional
+        Of that project, where it was read already.
 
     Raises
     ------
     Unwrap3DError
         As :func:`napari_unwrap3d.load`.
     """
-    atlas = load_project(path)
+    atlas = load_project(path) if atlas is None else atlas
     source = load_source(path)
     view = read_summary(path)["view"]
     data = _as_layer_holds(atlas.mask if source is None else source)
@@ -200,9 +212,7 @@ def _showing(there: Any, opened: Opened) -> Iterator[None]:
     yield
     there.layers.append(layer)
     yield
-    shown = dict(atlas_charts(opened.atlas))
-    known = Known(opened.pipeline, opened.identity, opened.origin, shown)
-    session.adopt(known, opened.atlas, layer, opened.layers)
+    session.adopt(opened.known, opened.atlas, layer, opened.layers)
     session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
     session.turns.add(_look(there, opened))
 
