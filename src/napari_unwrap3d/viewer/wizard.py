@@ -28,7 +28,8 @@ from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
 from .session import REQUESTED, session_of
 from .source_chooser import SourceChooser
-from .step_panel import HIGHLIGHT, WIDTH, StepPanel, scrolling
+from .section import HIGHLIGHT
+from .step_panel import WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
 from .threads import Task, tell
 
