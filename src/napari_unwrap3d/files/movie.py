@@ -28,7 +28,7 @@ from ..charts import Frame, Mask
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
 from .atomic import replacing, write_json
-from .project import SUFFIX, read_record, record_key, write_record
+from .project import SUFFIX, read_record, record_key, record_numbers, write_record
 
 FORMAT = "napari-unwrap3d movie"
 SCHEMA_VERSION = 1
@@ -123,6 +123,10 @@ class MovieFolder:
     def frame_key(self, timepoint: int) -> str | None:
         """What the frame of a timepoint was made from; None without one."""
         return record_key(self._piece("frames", timepoint, ".zip"))
+
+    def frame_numbers(self, timepoint: int) -> dict[str, Any]:
+        """What was measured of the frame of a timepoint; empty without one."""
+        return record_numbers(self._piece("frames", timepoint, ".zip"))
 
     def frame(self, timepoint: int) -> Frame:
         """The frame of a timepoint."""

@@ -309,12 +309,21 @@ def read_record(path: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def record_key(path: Path) -> str | None:
     """What a record was made from; None without a readable one."""
+    key = _record_attributes(path).get("key")
+    return key if isinstance(key, str) else None
+
+
+def record_numbers(path: Path) -> dict[str, Any]:
+    """What was measured of a record, without its arrays; empty without a readable one."""
+    return dict(from_plain(_record_attributes(path).get("numbers", {})))
+
+
+def _record_attributes(path: Path) -> dict[str, Any]:
     try:
         with zipfile.ZipFile(path) as archive:
-            key = read_node(archive, NODE).get("attributes", {}).get("key")
-    except (OSError, zipfile.BadZipFile, Unwrap3DError, KeyError):
-        return None
-    return key if isinstance(key, str) else None
+            return dict(read_node(archive, NODE).get("attributes", {}))
+    except (OSError, zipfile.BadZipFile, ValueError, Unwrap3DError, KeyError):
+        return {}
 
 
 def load_surface(path: str | Path) -> charts.Surface:

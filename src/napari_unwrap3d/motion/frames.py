@@ -138,8 +138,6 @@ def measured(cell: Surface, image: Floats, outermost: OutermostSurface) -> Mappi
     """What of a timepoint's surface the common space holds, and what (u, v) shows of it."""
     area = np.asarray(cell.fields[AREA])
     outside = ~np.isfinite(image).all(axis=1)
-    shown = np.zeros(len(cell.faces), bool)
-    shown[np.unique(outermost.face[outermost.face >= 0])] = True
     total = float(area.sum())
     return {
         "area_um2": total,

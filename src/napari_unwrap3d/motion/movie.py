@@ -19,6 +19,7 @@ from ..files.movie import MovieFolder, is_movie, unpack
 from ..parameters import Parameters
 from ..pipeline import ProgressLike
 from ..progress import Progress
+from .common import EACH
 from .stages import MovieWork, stages
 from .timelapse import Source, Timelapse
 
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FRAMES_IN_MEMORY = 4
+CHECKED = ("area_um2", "volume_um3", "outside_area_um2", "outside_fraction", "empty_pixels")
 
 
 @dataclass(eq=False)
@@ -194,8 +196,43 @@ class Movie:
         raise NotImplementedError
 
     def check_table(self) -> pd.DataFrame:
-        """A row per timepoint: area, volume, and what of the surface leaves the shell."""
-        raise NotImplementedError
+        """A row per timepoint: what its surface measures, and what of it leaves the shell.
+
+        Returns
+        -------
+        DataFrame
+            ``timepoint``, ``time_s``, ``made`` (whether its frame was made), and of those that
+            were: ``area_um2``, ``volume_um3``, ``outside_area_um2``, ``outside_fraction`` and
+            ``empty_pixels``.
+        """
+        import pandas as pd
+
+        rows = []
+        for timepoint, time_s in enumerate(self.times_s):
+            made = self.has_frame(timepoint)
+            numbers = self.folder.frame_numbers(timepoint) if made else {}
+            row = {"timepoint": timepoint, "time_s": time_s, "made": made}
+            rows.append(row | {name: numbers.get(name, np.nan) for name in CHECKED})
+        return pd.DataFrame(rows)
+
+    def proposal(self) -> str:
+        """Why another common space is proposed, in words for the user; empty if none is.
+
+        Where too much of a timepoint's surface leaves the mapped shell, every timepoint should
+        have its own atlas (paper, "Individual blebs dynamically recruit Septins").
+        """
+        limit = self.parameters.movie.largest_outside
+        table = self.check_table()
+        shares = table["outside_fraction"].fillna(0.0)
+        if self.record.get("method") == EACH or not (shares > limit).any():
+            return ""
+        worst = int(shares.idxmax())
+        return (
+            f"{100 * shares[worst]:.1f} % of the surface ({table.outside_area_um2[worst]:.1f} µm²) "
+            f"leaves the common space at timepoint {worst}, and more than {100 * limit:g} % at "
+            f"{int((shares > limit).sum())} of {len(self)} timepoints. An atlas for each timepoint "
+            'holds all of it (movie.common = "each").'
+        )
 
     # Files -------------------------------------------------------------------------
 
