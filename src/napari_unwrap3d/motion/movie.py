@@ -236,9 +236,9 @@ class Movie:
 
     # Files -------------------------------------------------------------------------
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, progress: Progress | None = None) -> Path:
         """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
-        return self.folder.pack(Path(path))
+        return self.folder.pack(Path(path), progress)
 
 
 def unwrap_movie(

@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 
+from ..annotations.state import State, moved
+from ..atlas import Atlas
 from ..charts import Mask, Stack, Surface, Volume
 from ..errors import InputError
 from ..files.movie import MovieFolder
@@ -103,9 +106,9 @@ class MovieWork:
         record = self.folder.common()
         if record is not None and record["key"] == key:
             return False
+        which = self._chosen_timepoint()
         mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
         chosen = self.parameters.movie
-        which = self._chosen_timepoint()
         first, _ = self.folder.mask(which)
         temporal = mean.mask()
         progress(0.1, "choosing the common space")
@@ -114,8 +117,9 @@ class MovieWork:
         source = temporal if method == MEAN else mean.placed(first)
         pipeline = Pipeline(source)
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
-        save_project(atlas, self.folder.common_path, source=source)
-        self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
+        kept = kept_annotations(self.folder.common_path, atlas)
+        save_project(atlas, self.folder.common_path, source=source, annotations=kept)
+        self.folder.keep_common(_record(key, method, which, self.segmented(), advice))
         return True
 
     def frame(self, timepoint: int, progress: Progress) -> bool:
@@ -186,14 +190,31 @@ class MovieWork:
         return kept[1]
 
     def _masks(self, progress: Progress) -> Iterable[Mask]:
-        for timepoint in range(len(self.lapse)):
+        for timepoint in self.segmented():
             progress(timepoint / len(self.lapse), "the cell at all timepoints")
             yield self.folder.mask(timepoint)[0]
+
+    def segmented(self) -> list[int]:
+        """The timepoints whose cell was found; the common space is made from these.
+
+        One that cannot be segmented keeps the others from nothing.
+        """
+        return [t for t in range(len(self.lapse)) if self.folder.has_mask(t, self.mask_key(t))]
 
     def _chosen_timepoint(self) -> int:
         which = self.parameters.movie.timepoint
         self.lapse.at(which)
-        return which
+        found = self.segmented()
+        if not found:
+            raise InputError(
+                "The cell was found at no timepoint.", hint="Run the stage 'segment' before."
+            )
+        if which not in found and self.parameters.movie.common == TIMEPOINT:
+            raise InputError(
+                f"The cell was not found at timepoint {which}, which is to make the common space.",
+                hint="Choose another timepoint (movie.timepoint).",
+            )
+        return which if which in found else found[0]
 
     def _register(self, timepoint: int, progress: Progress) -> Registered:
         if self.parameters.registration.method == "none" or timepoint == 0:
@@ -235,7 +256,7 @@ class MovieWork:
         chosen = self.parameters.movie
         how = (chosen.common, chosen.timepoint, chosen.largest_outside)
         steps = [getattr(self.parameters, name).model_dump_json() for name in SPACE]
-        masks = [self.mask_key(t) for t in range(len(self.lapse))]
+        masks = [self.mask_key(t) for t in self.segmented()]
         return self._key("common", how, steps, masks)
 
     def frame_key(self, timepoint: int) -> str:
@@ -258,14 +279,25 @@ def stages(timepoints: int) -> Iterable[tuple[Stage, range]]:
     yield "frame", range(timepoints)
 
 
+def kept_annotations(path: Path, atlas: Atlas) -> State | None:
+    """What was drawn on the common space in a file, as it is to be on one that replaces it."""
+    if not path.is_file():
+        return None
+    before = load_project(path)
+    if before.annotated is None or not before.annotations.names:
+        return None
+    return moved(before.annotations, atlas)
+
+
 def _record(
-    key: str, method: str, timepoint: int, timepoints: int, advice: Recommendation
+    key: str, method: str, timepoint: int, segmented: list[int], advice: Recommendation
 ) -> dict[str, Any]:
     return {
         "key": key,
         "method": method,
         "timepoint": timepoint if method == TIMEPOINT else None,
-        "timepoints": timepoints,
+        "timepoints": len(segmented),
+        "segmented": segmented,
         "recommendation": advice.to_plain(),
     }
 

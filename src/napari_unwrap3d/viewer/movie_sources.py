@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from napari.layers import Layer
 
 SECOND = "second"
+# In a layer's metadata: it is the solid of a movie's common space.
+SPACE_LAYER = "common space of a movie"
 
 
 @dataclass(frozen=True)
@@ -71,7 +73,7 @@ def candidates(layers: Any) -> list[Candidate]:
     layers : sequence of Layer
         Of a viewer.
     """
-    own = [layer for layer in layers if is_source(layer)]
+    own = [layer for layer in layers if is_source(layer) and SPACE_LAYER not in layer.metadata]
     found = []
     for layer in own:
         count = timepoints_of(layer)
