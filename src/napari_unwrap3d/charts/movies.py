@@ -35,7 +35,8 @@ class Frame:
         The cell on the working grid, registered.
     numbers : mapping
         What was measured, JSON-able; ``outside_area_um2`` and ``outside_fraction`` are of the
-        part of the surface without an image.
+        part of the surface without an image, ``empty_area_um2`` and ``empty_fraction`` of the
+        part of the reference over which there is no surface.
     """
 
     timepoint: int

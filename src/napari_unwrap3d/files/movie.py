@@ -29,11 +29,10 @@ from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
 from ..progress import Progress, silent
 from .atomic import replacing, write_json
-from .project import SUFFIX, read_record, record_key, record_numbers, write_record
+from .project import MOVIE, SUFFIX, read_record, record_key, record_numbers, write_record
 
 FORMAT = "napari-unwrap3d movie"
 SCHEMA_VERSION = 1
-MANIFEST = "movie.json"
 COMMON = f"common{SUFFIX}"
 COMMON_RECORD = "common.json"
 
@@ -52,7 +51,7 @@ class MovieFolder:
         """
         self.path.mkdir(parents=True, exist_ok=True)
         write_json(
-            self.path / MANIFEST,
+            self.path / MOVIE,
             {"format": FORMAT, "schema_version": SCHEMA_VERSION, **manifest},
         )
 
@@ -64,11 +63,11 @@ class MovieFolder:
         FileFormatError
             The folder is no movie, or of another version.
         """
-        found = _read_json(self.path / MANIFEST)
+        found = _read_json(self.path / MOVIE)
         if found is None or found.get("format") != FORMAT:
             raise FileFormatError(
                 f"{self.path.name!r} is no movie of napari-unwrap3d.",
-                hint=f"A movie is a folder with {MANIFEST}, made by unwrap_movie or `batch`.",
+                hint=f"A movie is a folder with {MOVIE}, made by unwrap_movie or `batch`.",
             )
         if found.get("schema_version") != SCHEMA_VERSION:
             raise FileFormatError(
@@ -168,11 +167,11 @@ def is_movie(path: str | Path) -> bool:
     """Whether a folder or a file is a movie."""
     path = Path(path)
     if path.is_dir():
-        return (path / MANIFEST).is_file()
+        return (path / MOVIE).is_file()
     if not zipfile.is_zipfile(path):
         return False
     with zipfile.ZipFile(path) as archive:
-        return MANIFEST in archive.namelist()
+        return MOVIE in archive.namelist()
 
 
 def unpack(source: Path, folder: Path) -> MovieFolder:

@@ -118,7 +118,7 @@ def frame_of(
         topography=image,
         uv=images(outermost, cell),
         mask=mask,
-        numbers=measured(cell, image, outermost),
+        numbers=measured(cell, image, outermost, space),
     )
 
 
@@ -134,15 +134,20 @@ def images(outermost: OutermostSurface, cell: Surface) -> dict[str, npt.NDArray[
     return found
 
 
-def measured(cell: Surface, image: Floats, outermost: OutermostSurface) -> Mapping[str, Any]:
+def measured(
+    cell: Surface, image: Floats, outermost: OutermostSurface, space: CommonSpace
+) -> Mapping[str, Any]:
     """What of a timepoint's surface the common space holds, and what (u, v) shows of it."""
     area = np.asarray(cell.fields[AREA])
     outside = ~np.isfinite(image).all(axis=1)
     total = float(area.sum())
+    pixels = np.asarray(space.atlas.uv.fields[AREA])
+    empty = float(pixels[outermost.face < 0].sum())
     return {
         "area_um2": total,
         "volume_um3": cell.report.get("volume_um3"),
         "outside_area_um2": float(area[outside].sum()),
         "outside_fraction": float(area[outside].sum() / total),
-        "empty_pixels": int((outermost.face < 0).sum()),
+        "empty_area_um2": empty,
+        "empty_fraction": empty / float(pixels.sum()),
     }

@@ -17,8 +17,8 @@ import numpy as np
 
 from ..annotations.state import State, moved
 from ..atlas import Atlas
-from ..charts import Mask, Stack, Surface, Volume
-from ..errors import InputError
+from ..charts import Mask, Stack, Surface, TemporalMask, Volume
+from ..errors import InputError, NoMeanError
 from ..files.movie import MovieFolder
 from ..files.project import load_project, save_project
 from ..imaging.register import Registered, register
@@ -110,11 +110,14 @@ class MovieWork:
         mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
         chosen = self.parameters.movie
         first, _ = self.folder.mask(which)
-        temporal = mean.mask()
+        temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
         advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
         method = advice.method if chosen.common == "recommended" else chosen.common
-        source = temporal if method == MEAN else mean.placed(first)
+        if method == MEAN:
+            source = temporal if temporal is not None else mean.mask()
+        else:
+            source = mean.placed(first)
         pipeline = Pipeline(source)
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
         kept = kept_annotations(self.folder.common_path, atlas)
@@ -200,6 +203,13 @@ class MovieWork:
         One that cannot be segmented keeps the others from nothing.
         """
         return [t for t in range(len(self.lapse)) if self.folder.has_mask(t, self.mask_key(t))]
+
+    @staticmethod
+    def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
+        try:
+            return mean.mask()
+        except NoMeanError:
+            return None
 
     def _chosen_timepoint(self) -> int:
         which = self.parameters.movie.timepoint
