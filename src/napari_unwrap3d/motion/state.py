@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from ..files.movie import MovieFolder
 from ..progress import Progress, silent
 from .stages import MovieWork, Stage, stages
 
@@ -88,3 +89,23 @@ def piece_state(work: MovieWork, stage: Stage, timepoint: int) -> str:
         return DONE
     there = any((folder.path / PLACES[stage]).glob(f"{timepoint:05d}.*"))
     return STALE if there else MISSING
+
+
+def state_in(folder: MovieFolder) -> MovieState:
+    """What of a movie is there, where its source is not known: all that is there is taken as done.
+
+    Raises
+    ------
+    FileFormatError
+        The folder is no movie.
+    """
+    timepoints = int(folder.manifest()["timepoints"])
+    state = MovieState.missing(timepoints)
+    for stage, place in PLACES.items():
+        found = {path.stem for path in (folder.path / place).glob("*")}
+        for timepoint in range(timepoints):
+            if f"{timepoint:05d}" in found:
+                state.set(stage, timepoint, DONE)
+    if folder.common() is not None:
+        state.set("common", 0, DONE)
+    return state

@@ -19,7 +19,7 @@ from ..motion.movie import Movie
 from ..motion.stages import MovieWork, Stage, stages
 from ..motion.state import DONE, MovieState, piece_state, state_of
 from ..progress import Progress
-from .movie_opened import OpenedMovie, read_movie
+from .movie_opened import read_movie
 from .threads import Task
 
 logger = logging.getLogger(__name__)
@@ -179,5 +179,3 @@ def _reason(error: BaseException) -> str:
         return str(error)
     logger.error("A piece of work on a movie failed.", exc_info=error)
     return f"{type(error).__name__}: {error}"
-
-

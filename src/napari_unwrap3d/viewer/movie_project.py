@@ -8,6 +8,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from ..atlas import Atlas
 from ..errors import Unwrap3DError
 from ..files.movie import unpack
 from ..files.project import save_project
@@ -51,7 +52,9 @@ def open_movie(viewer: Any, path: str | Path) -> None:
     # A folder that was left behind is ours: it is gone on with, and saved by the user.
     working = WorkingFolder(path if path.is_dir() else None)
     session.told.emit(f"Opening {path.name} …")
-    run.begin_task(f"Opening {path.name} …", partial(_read, path, working), _opened(viewer, working))
+    run.begin_task(
+        f"Opening {path.name} …", partial(_read, path, working), _opened(viewer, working)
+    )
 
 
 def _read(path: Path, working: WorkingFolder, progress: Progress) -> OpenedMovie:
@@ -106,7 +109,7 @@ def saving_movie(run: MovieRun, viewer: Any, path: Path) -> Callable[[Progress],
     movie, atlas = run.movie, run.session.atlas
     assert movie is not None
     keep_space = None
-    if atlas is not None and atlas is movie.__dict__.get("common"):
+    if isinstance(atlas, Atlas) and atlas is movie.__dict__.get("common"):
         annotated = atlas.annotated
         keep_space = partial(
             save_project,
@@ -134,4 +137,3 @@ def _saved(viewer: weakref.ref[Any], path: Path | None) -> None:
     if run.working is not None:
         run.working.saved()
     run.told.emit(f"Saved {path}.")
-

@@ -16,9 +16,10 @@ from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..charts import Size3
 from ..errors import Cancelled, Unwrap3DError
+from ..files.movie import is_movie
 from ..motion.movie import Movie
 from ..motion.stages import MovieWork, Stage
-from ..motion.state import DONE, STALE, MovieState
+from ..motion.state import DONE, STALE, MovieState, state_in
 from ..motion.timelapse import Timelapse
 from ..parameters import Parameters
 from ..progress import Progress
@@ -28,6 +29,7 @@ from .movie_opened import OpenedMovie
 from .movie_session import movie_session_of
 from .movie_showing import showing_movie
 from .movie_sources import Candidate, candidates, set_time_step, timelapse_of
+from .movie_tables import TableReader, Tables
 from .per_viewer import PerViewer
 from .session import session_of
 from .sources import layer_voxel_size, set_voxel_size
@@ -60,6 +62,8 @@ class MovieRun(QObject):
         Of the last run.
     movie : Movie or None
         That is shown; its common space is there.
+    tables : Tables or None
+        What is known of every timepoint.
 
     Signals
     -------
@@ -74,6 +78,8 @@ class MovieRun(QObject):
     running_changed(bool)
     told(str)
         What the user should know; empty: nothing.
+    tables_changed()
+        `tables` were read.
     """
 
     source_changed = Signal()
@@ -82,6 +88,7 @@ class MovieRun(QObject):
     progressed = Signal(str, int, float, str)
     running_changed = Signal(bool)
     told = Signal(str)
+    tables_changed = Signal()
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -105,6 +112,9 @@ class MovieRun(QObject):
         self._task_progress: Progress | None = None
         self._again = self._closed = False
         self._began: dict[str, float] = {}
+        self.tables: Tables | None = None
+        self._reader = TableReader(self)
+        self._reader.read.connect(self._on_tables)
         self._rest = soon(self, self._look, DEBOUNCE_MS)
         self.session.parameters_changed.connect(self._on_parameters)
         self.session.running_changed.connect(self._on_session)
@@ -174,6 +184,8 @@ class MovieRun(QObject):
         if self._closed:
             return
         viewer = self._viewer()
+        if viewer is None:
+            return
         gone = self.source is not None and any(
             layer not in viewer.layers for layer in self.source.layers
         )
@@ -209,9 +221,7 @@ class MovieRun(QObject):
         """Whether pieces are made; looking for what is there is not meant."""
         return self._computation is not None and bool(self._computation.until)
 
-    def run(
-        self, until: Stage = "frame", timepoints: Collection[int] | None = None
-    ) -> None:
+    def run(self, until: Stage = "frame", timepoints: Collection[int] | None = None) -> None:
         """Make what is missing or stale, up to a stage.
 
         Parameters
@@ -336,10 +346,23 @@ class MovieRun(QObject):
             if stage == "common":
                 self._age_frames()
         self.state_changed.emit()
+        self._want_tables()
         if stage == "frame" and failure is None:
             viewer = self._viewer()
             if viewer is not None:
                 movie_session_of(viewer).look_for_frames()
+
+    def _want_tables(self) -> None:
+        """Read what is known of the movie that is made, or shown."""
+        movie = self.movie
+        if self._work is not None and is_movie(self._work.folder.path):
+            movie = Movie(self._work.folder, self._work)
+        if movie is not None and not self._closed:
+            self._reader.want(movie)
+
+    def _on_tables(self, tables: Tables) -> None:
+        self.tables = tables
+        self.tables_changed.emit()
 
     def _age_frames(self) -> None:
         """Another common space: no frame is of it."""
@@ -373,6 +396,7 @@ class MovieRun(QObject):
     def _show(self, movie: Movie) -> None:
         self.movie = movie
         self.movie_changed.emit()
+        self._want_tables()
 
     def _on_ended(self, error: BaseException | None) -> None:
         ran, self._ended, self._computation = self.running, self._computation, None
@@ -475,7 +499,8 @@ class MovieRun(QObject):
             return
         if self._working is not None:
             self._before.append(self._working)
-        self._working, self._work, self.state, self.failures = working, None, None, []
+        self._working, self._work, self.failures = working, None, []
+        self.state = state_in(working.folder)
         yield from showing_movie(viewer, opened)
         self._show(opened.movie)
         self.state_changed.emit()
@@ -488,6 +513,8 @@ class MovieRun(QObject):
             return
         self._closed = True
         self._rest.stop()
+        self._reader.forget()
+        self._reader.wait(CLOSE_SECONDS)
         viewer = self._viewer()
         if viewer is not None:
             for name in ("inserted", "removed"):

@@ -11,8 +11,8 @@ import numpy as np
 from ..charts import Surface
 from ..errors import InputError
 from ..files.meshes import MESH_SUFFIXES, read_mesh
-from ..files.movie import MANIFEST, is_movie
-from ..files.project import SUFFIX, load_project
+from ..files.movie import is_movie
+from ..files.project import MOVIE, SUFFIX, load_project
 from ..motion.movie import load_movie
 from .layers import LayerData, atlas_layers, mesh_layer
 
@@ -54,7 +54,9 @@ def read_projects(path: str | list[str]) -> list[Any]:
 
     viewer, paths = napari.current_viewer(), [_folder_of(each) for each in _paths(path)]
     if viewer is None:
-        atlases = [load_movie(each).common if is_movie(each) else load_project(each) for each in paths]
+        atlases = [
+            load_movie(each).common if is_movie(each) else load_project(each) for each in paths
+        ]
         return [layer for atlas in atlases for layer in atlas_layers(atlas)]
     if len(paths) > 1:
         raise InputError(
@@ -69,7 +71,7 @@ def read_projects(path: str | list[str]) -> list[Any]:
 
 def _folder_of(path: Path) -> Path:
     """The folder of a movie, where its manifest is named."""
-    return path.parent if path.name == MANIFEST else path
+    return path.parent if path.name == MOVIE else path
 
 
 def _is_ours(path: Path) -> bool:
