@@ -350,7 +350,11 @@ class MovieRun(QObject):
         if stage == "frame" and failure is None:
             viewer = self._viewer()
             if viewer is not None:
-                movie_session_of(viewer).look_for_frames()
+                movies = movie_session_of(viewer)
+                if hasattr(movies, "look_for_frames"):
+                    movies.look_for_frames()
+                elif movies.frame is None:
+                    movies.set_timepoint(timepoint)
 
     def _want_tables(self) -> None:
         """Read what is known of the movie that is made, or shown."""
