@@ -49,7 +49,7 @@ def read_movie(movie: Movie, origin: Size3 | None = None) -> OpenedMovie:
             "The movie has no common space yet.",
             hint="Run `napari-unwrap3d batch` on the source to make what is missing.",
         )
-    space = read_opened(movie.folder.common_path, parameters, origin)
+    space = read_opened(movie.folder.common_path, None, parameters, origin)
     # One atlas for all: what is drawn on it, and what is computed of it, is the movie's.
     movie.__dict__["common"] = space.atlas
     data, attributes, kind = space.source_layer

@@ -277,7 +277,7 @@ class MovieRun(QObject):
     ) -> None:
         origin = None if self._lapse is None else self._lapse[1]
         shown = ""
-        if self.movie is not None and self.movie.folder == work.folder:
+        if self.movie is not None and self.movie.folder == work.folder and self._is_shown():
             shown = str(self.movie.record.get("key", ""))
         computation = MovieComputation(work, until, timepoints, shown, origin)
         computation.looked.connect(self._on_looked)
@@ -292,6 +292,11 @@ class MovieRun(QObject):
         computation.start()
         if until:
             self.running_changed.emit(True)
+
+    def _is_shown(self) -> bool:
+        """Whether the movie is in the views: another cell may have been unwrapped since."""
+        viewer = self._viewer()
+        return viewer is not None and movie_session_of(viewer).movie is self.movie
 
     def cancel(self) -> None:
         """Stop the run in progress; returns at once."""
@@ -350,11 +355,7 @@ class MovieRun(QObject):
         if stage == "frame" and failure is None:
             viewer = self._viewer()
             if viewer is not None:
-                movies = movie_session_of(viewer)
-                if hasattr(movies, "look_for_frames"):
-                    movies.look_for_frames()
-                elif movies.frame is None:
-                    movies.set_timepoint(timepoint)
+                movie_session_of(viewer).look_for_frames()
 
     def _want_tables(self) -> None:
         """Read what is known of the movie that is made, or shown."""

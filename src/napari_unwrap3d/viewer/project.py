@@ -66,15 +66,26 @@ class Opened:
     layers: list[LayerData]
     view: Mapping[str, Any]
 
+    @property
+    def known(self) -> Known:
+        """What a session goes on with."""
+        shown = dict(atlas_charts(self.atlas))
+        return Known(self.pipeline, self.identity, self.origin, shown)
+
 
 def read_opened(
-    path: str | Path, parameters: Parameters | None = None, origin: Size3 | None = None
+    path: str | Path,
+    atlas: Atlas | None = None,
+    parameters: Parameters | None = None,
+    origin: Size3 | None = None,
 ) -> Opened:
     """Read a project and make its layers: what takes long, to be done in a thread.
 
     Parameters
     ----------
     path : path
+    atlas : Atlas, optional
+        Of that project, where it was read already.
     parameters : Parameters, optional
         Instead of its own: those of the movie whose common space it is.
     origin : (float, float, float), optional
@@ -85,7 +96,7 @@ def read_opened(
     Unwrap3DError
         As :func:`napari_unwrap3d.load`.
     """
-    atlas = load_project(path)
+    atlas = load_project(path) if atlas is None else atlas
     source = load_source(path)
     view = read_summary(path)["view"]
     data = _as_layer_holds(atlas.mask if source is None else source)
@@ -224,9 +235,7 @@ def adopting(there: Any, opened: Opened, until: str = STEP_NAMES[-1]) -> Iterato
     yield
     there.layers.append(layer)
     yield
-    shown = dict(atlas_charts(opened.atlas))
-    known = Known(opened.pipeline, opened.identity, opened.origin, shown)
-    session.adopt(known, opened.atlas, layer, opened.layers, until)
+    session.adopt(opened.known, opened.atlas, layer, opened.layers, until)
 
 
 def _look(there: Any, opened: Opened) -> Iterator[None]:
