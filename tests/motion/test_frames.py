@@ -100,6 +100,8 @@ def test_what_leaves_the_space_is_measured(space: CommonSpace) -> None:
     )
     area = frame.surface.fields["area_um2"]
     assert 0 < frame.outside.sum() < len(area)
+    np.testing.assert_array_equal(frame.surface.fields["outside"], frame.outside)
+    assert "outside" not in frame.uv
     assert frame.numbers["outside_area_um2"] == pytest.approx(area[frame.outside].sum())
     assert np.isnan(frame.topography[frame.outside]).all()
     # The part beyond is the one far away.

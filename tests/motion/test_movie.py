@@ -252,3 +252,16 @@ def test_the_third_way_is_proposed_where_the_surface_leaves_the_space(tmp_path: 
     assert (table.empty_fraction[:2] < 0.02).all()
     assert table.empty_fraction[2] > 0.5
     assert 'movie.common = "each"' in text
+
+
+def test_info_tells_what_a_movie_is_of(
+    movie: Movie, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from napari_unwrap3d.cli import main
+
+    for path in (movie.folder.path, movie.save(tmp_path / "cell")):
+        assert main(["info", str(path)]) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert "4, 2 s apart, 6 s in all" in said
+        assert "4 of 4" in said
+        assert "mean" in said

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -172,6 +173,35 @@ def is_movie(path: str | Path) -> bool:
         return False
     with zipfile.ZipFile(path) as archive:
         return MOVIE in archive.namelist()
+
+
+def read_movie_summary(path: str | Path) -> dict[str, Any]:
+    """What a movie is of, without opening it.
+
+    Parameters
+    ----------
+    path : path
+        Its folder, or the one file it was saved in.
+
+    Returns
+    -------
+    dict
+        The manifest, and ``common`` (the record of the common space, or None) and ``frames``
+        (how many were made).
+    """
+    path = Path(path)
+    if path.is_dir():
+        folder = MovieFolder(path)
+        frames = len(list((path / "frames").glob("*.zip")))
+        return {**folder.manifest(), "common": folder.common(), "frames": frames}
+    with tempfile.TemporaryDirectory() as name, zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        for entry in {MOVIE, COMMON_RECORD} & names:
+            archive.extract(entry, name)
+        manifest = MovieFolder(Path(name)).manifest()
+        common = _read_json(Path(name) / COMMON_RECORD)
+    frames = sum(each.startswith("frames/") and each.endswith(".zip") for each in names)
+    return {**manifest, "common": common, "frames": frames}
 
 
 def unpack(source: Path, folder: Path) -> MovieFolder:
