@@ -106,7 +106,7 @@ class TimePlot(Plot):
                 )  # fmt: skip
             if row.limit is not None:
                 axes.axhline(row.limit, color=COLOURS[2], linewidth=1, linestyle="--")
-            self.style(axes, colours, row.title)
+            self.style(axes, colours, row.title, "left")
             axes.locator_params(axis="y", nbins=4)
             if len(row.curves) > 1:
                 self._name_curves(axes, row, colours)

@@ -106,10 +106,11 @@ def save_movie(viewer: Any, path: str | Path) -> None:
 
 def saving_movie(run: MovieRun, viewer: Any, path: Path) -> Callable[[Progress], Path]:
     """What saves a movie, to be called in a thread; the state of the window is taken now."""
-    movie, atlas = run.movie, run.session.atlas
+    movie = run.movie
+    atlas: Atlas | None = run.session.atlas
     assert movie is not None
     keep_space = None
-    if isinstance(atlas, Atlas) and atlas is movie.__dict__.get("common"):
+    if atlas is not None and movie.__dict__.get("common") is atlas:
         annotated = atlas.annotated
         keep_space = partial(
             save_project,

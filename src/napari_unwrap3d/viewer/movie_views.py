@@ -64,10 +64,10 @@ class MovieViews(QObject):
         from .session import session_of
 
         viewer = self._viewer()
-        known = movie.__dict__.get("common")
-        if viewer is None or known is None or session_of(viewer).atlas is not known:
+        atlas = None if viewer is None else session_of(viewer).atlas
+        if atlas is None or movie.__dict__.get("common") is not atlas:
             return False
-        session_of(viewer).turns.add(self._show_movie(viewer, known))
+        session_of(viewer).turns.add(self._show_movie(viewer, atlas))
         return True
 
     def _on_failed(self, error: BaseException) -> None:
