@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
+from .movie_cli import add_movie
 from .options import (
     add_charts,
     add_comparing,
@@ -86,6 +87,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_demo(commands)
     _add_export(commands)
+    add_movie(commands)
     return parser
 
 

@@ -16,7 +16,6 @@ from ..geometry.rigid import Rigid
 from ..progress import Progress, silent
 from .blebbing import Blebbing, blebbing_cell
 from .bodies import Body, StandingBody, draw_body, fibonacci_directions
-from .cells import SMALLEST
 from .courses import Lifetimes, SignalLaw
 from .drifting import draw_poses
 from .growing import GrowingCell, Moment
