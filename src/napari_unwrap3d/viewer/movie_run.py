@@ -221,6 +221,11 @@ class MovieRun(QObject):
         """Whether pieces are made; looking for what is there is not meant."""
         return self._computation is not None and bool(self._computation.until)
 
+    @property
+    def looking(self) -> bool:
+        """Whether it is being found out, or will be, which pieces are there."""
+        return self._rest.isActive() or (self._computation is not None and not self.running)
+
     def run(self, until: Stage = "frame", timepoints: Collection[int] | None = None) -> None:
         """Make what is missing or stale, up to a stage.
 
@@ -424,7 +429,8 @@ class MovieRun(QObject):
     def _say_end(self, ran: bool) -> None:
         if ran:
             failed = len({failure.timepoint for failure in self.failures})
-            self.told.emit(f"Done; {failed} timepoints failed." if failed else "Done.")
+            noun = "timepoint" if failed == 1 else "timepoints"
+            self.told.emit(f"Done; {failed} {noun} failed." if failed else "Done.")
 
     def _renew_movie(self) -> None:
         """The frames of the work that ran are shown, where the common space stayed the same."""

@@ -9,7 +9,7 @@ from qtpy.QtWidgets import QDoubleSpinBox, QGridLayout, QLabel, QSizePolicy, QWi
 
 from .movie_run import MovieRun
 from .movie_sources import Candidate
-from .source_chooser import VoxelSizeBox
+from .source_chooser import VoxelSizeBox, show_number
 
 
 class TimeStepBox(QDoubleSpinBox):
@@ -94,7 +94,7 @@ class MovieSourceChooser(QWidget):
         if another or self.run.voxel_size is not None:
             self.voxel_size.value = self.run.voxel_size
         if another or self.run.time_step is not None:
-            self.time_step.setValue(self.run.time_step or 0.0)
+            show_number(self.time_step, self.run.time_step or 0.0)
         self._showing = False
         note = "" if self.run.movie is not None and source is None else self.run.blocked()
         self.note.setText(note)
