@@ -56,6 +56,8 @@ class MovieSession(QObject):
     made_changed()
         Frames were made, see :meth:`look_for_frames`.
     playing_changed(bool)
+    playback_changed()
+        `fps` or `loop`.
     """
 
     movie_changed = Signal(object)
@@ -63,6 +65,7 @@ class MovieSession(QObject):
     wanted_changed = Signal(int)
     made_changed = Signal()
     playing_changed = Signal(bool)
+    playback_changed = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
         super().__init__(parent)
@@ -72,13 +75,13 @@ class MovieSession(QObject):
         self.frame: Frame | None = None
         self.shown: ShownFrame | None = None
         self.made: frozenset[int] = frozenset()
-        self.loop = True
+        self._loop = True
         self._reader: FrameReader | None = None
         self._looking: Task | None = None
         self._look_again = False
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._on_tick)
-        self.fps = FPS
+        self._timer.setInterval(round(1000.0 / FPS))
 
     @property
     def viewer(self) -> ViewerModel | None:
@@ -174,7 +177,18 @@ class MovieSession(QObject):
     @fps.setter
     def fps(self, value: float) -> None:
         value = min(max(float(value), LOWEST_FPS), HIGHEST_FPS)
-        self._timer.setInterval(max(round(1000.0 / value), 1))
+        self._timer.setInterval(round(1000.0 / value))
+        self.playback_changed.emit()
+
+    @property
+    def loop(self) -> bool:
+        """Whether the playback begins again at the end."""
+        return self._loop
+
+    @loop.setter
+    def loop(self, wanted: bool) -> None:
+        self._loop = wanted
+        self.playback_changed.emit()
 
     @property
     def playing(self) -> bool:
@@ -194,6 +208,10 @@ class MovieSession(QObject):
         if self.playing:
             self._timer.stop()
             self.playing_changed.emit(False)
+
+    def toggle(self) -> None:
+        """Play, or pause."""
+        (self.pause if self.playing else self.play)()
 
     def _on_tick(self) -> None:
         """The next frame, unless the last one is still being read."""

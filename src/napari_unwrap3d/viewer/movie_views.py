@@ -20,8 +20,11 @@ if TYPE_CHECKING:
     from .movie_layers import MovieLayers
     from .movie_session import MovieSession
     from .project import Opened
+    from .time_axis import TimeAxis
 
 CLOSE_SECONDS = 5.0
+# The layer of what the common space was made from.
+COMMON = "common space"
 
 
 class MovieViews(QObject):
@@ -41,6 +44,7 @@ class MovieViews(QObject):
         self.colours: MovieColours | None = None
         self.layers: MovieLayers | None = None
         self._atlas: Atlas | None = None
+        self._axes: list[TimeAxis] = []
         session.movie_changed.connect(self._on_movie)
         session.frame_changed.connect(self._on_frame)
         session.made_changed.connect(self._on_made)
@@ -91,7 +95,8 @@ class MovieViews(QObject):
 
         session = session_of(viewer)
         yield from opening(viewer)
-        layer = Layer.create(*opened.source_layer)
+        data, attributes, kind = opened.source_layer
+        layer = Layer.create(data, attributes | {"name": COMMON, "visible": False}, kind)
         yield
         viewer.layers.append(layer)
         yield
@@ -111,6 +116,8 @@ class MovieViews(QObject):
         from .canvas import canvas_of
         from .movie_layers import MovieLayers
         from .session import session_of
+        from .time_axis import TimeAxis
+        from .timeline import open_timeline
 
         if self.colours is None:
             return
@@ -118,6 +125,9 @@ class MovieViews(QObject):
         yield
         canvas = canvas_of(viewer)
         self._atlas = atlas
+        self._axes = [TimeAxis(model, self._session) for model in (viewer, canvas.model)]
+        open_timeline(viewer)
+        yield
         self.layers = MovieLayers(viewer, canvas, annotating, self.colours, self)
         canvas.colouring.catalogue = self._fields
         session_of(viewer).finished.connect(self._on_atlas)
@@ -181,6 +191,10 @@ class MovieViews(QObject):
             canvas = open_canvas(viewer)
             if canvas is not None:
                 canvas.colouring.catalogue = fields_of
+        for axis in self._axes:
+            axis.close()
+            axis.deleteLater()
+        self._axes = []
         self.layers = self.colours = self._atlas = None
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
