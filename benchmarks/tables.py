@@ -254,6 +254,22 @@ def protrusions_table(results: Results) -> str:
     return table(["", *heads], rows)
 
 
+def movies_table(results: Results) -> str:
+    """Every number of movies with its bar."""
+    start = "movies/"
+    rows = [
+        [
+            name[len(start) :],
+            f"{number(entry['value'])} {entry['unit']}".replace("|", "\\|"),
+            number(entry["bar"]),
+            "yes" if entry["holds"] else "**no**",
+        ]
+        for name, entry in sorted(results.items())
+        if name.startswith(start)
+    ]
+    return table(["what", "measured", "bar", "held"], rows)
+
+
 def routes_table(results: Results) -> str:
     """Every route with the paper's figures beside it."""
     rows = []
@@ -367,6 +383,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "closeness": closeness_table,
     "references": references_table,
     "protrusions": protrusions_table,
+    "movies": movies_table,
     "routes": routes_table,
     "machine": machine_table,
     "quality": quality_table,

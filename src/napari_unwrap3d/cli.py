@@ -196,7 +196,8 @@ def run_command(arguments: argparse.Namespace, console: Console) -> int:
 
 def info_command(arguments: argparse.Namespace, console: Console) -> int:
     """``info``: what a file holds, or the parameters."""
-    from .console import print_pairs, print_parameters, print_quality, project_pairs
+    from .console import movie_pairs, print_pairs, print_parameters, print_quality, project_pairs
+    from .files.movie import is_movie, read_movie_summary
     from .files.project import SUFFIX, read_summary
     from .quality import quality_rows
 
@@ -206,6 +207,9 @@ def info_command(arguments: argparse.Namespace, console: Console) -> int:
     if arguments.input is None:
         raise InputError("Nothing to look at.", hint="Name a file, or pass --parameters.")
     path: Path = arguments.input
+    if path.exists() and is_movie(path):
+        print_pairs(console, path.name, movie_pairs(read_movie_summary(path)))
+        return 0
     if path.suffix != SUFFIX:
         print_pairs(console, path.name, described(arguments))
         return 0

@@ -264,3 +264,18 @@ def project_pairs(summary: Mapping[str, Any]) -> dict[str, Any]:
         "computed in": f"{sum(step.get('seconds', 0.0) for step in steps.values()):.1f} s",
         "repairs": "; ".join(str(item) for item in provenance.get("repairs", ())) or "none",
     }
+
+
+def movie_pairs(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """What a movie is of; `summary` is that of ``read_movie_summary``."""
+    common = summary["common"] or {}
+    step, count = float(summary["time_step_s"]), int(summary["timepoints"])
+    return {
+        "kind": "movie",
+        "timepoints": f"{count}, {step:g} s apart, {(count - 1) * step:g} s in all",
+        "channels": ", ".join(summary["channels"]) or "none",
+        "common space": common.get("method", "not made yet"),
+        "why": common.get("recommendation", {}).get("reason", ""),
+        "frames made": f"{summary['frames']} of {count}",
+        "written by": f"napari-unwrap3d {summary['versions'].get('napari-unwrap3d', 'unknown')}",
+    }

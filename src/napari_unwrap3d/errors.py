@@ -57,6 +57,10 @@ class AxesError(InputError):
     """The number or the names of the axes do not fit."""
 
 
+class NoMeanError(InputError):
+    """The timepoints of a movie have too little in common for a mean."""
+
+
 class VoxelSizeMissingError(InputError):
     """No voxel size is known, and it is never guessed."""
 

@@ -25,7 +25,8 @@ class Frame:
         Since the first timepoint.
     surface : Surface
         ``S^t(x, y, z)`` in µm, registered. Fields per vertex: ``mean_curvature_per_um``,
-        ``gaussian_curvature``, ``height_um`` (d), ``area_um2`` (dA(t)) and ``signal_*``.
+        ``gaussian_curvature``, ``height_um`` (d), ``area_um2`` (dA(t)), ``outside`` (1 where a
+        vertex leaves the mapped shell, else 0) and ``signal_*``.
     topography : ndarray, (n, 3)
         ``S^t(d, u, v)``: (d µm, v, u) of every vertex; NaN where one leaves the mapped shell.
     uv : mapping of str to ndarray, (N, 2N) float32
@@ -35,7 +36,8 @@ class Frame:
         The cell on the working grid, registered.
     numbers : mapping
         What was measured, JSON-able; ``outside_area_um2`` and ``outside_fraction`` are of the
-        part of the surface without an image.
+        part of the surface without an image, ``empty_area_um2`` and ``empty_fraction`` of the
+        part of the reference over which there is no surface.
     """
 
     timepoint: int

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import json
 import shutil
+import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -29,11 +30,10 @@ from ..charts import Frame, Mask
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
 from .atomic import replacing, write_json
-from .project import SUFFIX, read_record, record_key, record_numbers, write_record
+from .project import MOVIE, SUFFIX, read_record, record_key, record_numbers, write_record
 
 FORMAT = "napari-unwrap3d movie"
 SCHEMA_VERSION = 1
-MANIFEST = "movie.json"
 COMMON = f"common{SUFFIX}"
 COMMON_RECORD = "common.json"
 
@@ -52,7 +52,7 @@ class MovieFolder:
         """
         self.path.mkdir(parents=True, exist_ok=True)
         write_json(
-            self.path / MANIFEST,
+            self.path / MOVIE,
             {"format": FORMAT, "schema_version": SCHEMA_VERSION, **manifest},
         )
 
@@ -64,11 +64,11 @@ class MovieFolder:
         FileFormatError
             The folder is no movie, or of another version.
         """
-        found = _read_json(self.path / MANIFEST)
+        found = _read_json(self.path / MOVIE)
         if found is None or found.get("format") != FORMAT:
             raise FileFormatError(
                 f"{self.path.name!r} is no movie of napari-unwrap3d.",
-                hint=f"A movie is a folder with {MANIFEST}, made by unwrap_movie or `batch`.",
+                hint=f"A movie is a folder with {MOVIE}, made by unwrap_movie or `batch`.",
             )
         if found.get("schema_version") != SCHEMA_VERSION:
             raise FileFormatError(
@@ -187,11 +187,40 @@ def is_movie(path: str | Path) -> bool:
     """Whether a folder or a file is a movie."""
     path = Path(path)
     if path.is_dir():
-        return (path / MANIFEST).is_file()
+        return (path / MOVIE).is_file()
     if not zipfile.is_zipfile(path):
         return False
     with zipfile.ZipFile(path) as archive:
-        return MANIFEST in archive.namelist()
+        return MOVIE in archive.namelist()
+
+
+def read_movie_summary(path: str | Path) -> dict[str, Any]:
+    """What a movie is of, without opening it.
+
+    Parameters
+    ----------
+    path : path
+        Its folder, or the one file it was saved in.
+
+    Returns
+    -------
+    dict
+        The manifest, and ``common`` (the record of the common space, or None) and ``frames``
+        (how many were made).
+    """
+    path = Path(path)
+    if path.is_dir():
+        folder = MovieFolder(path)
+        frames = len(list((path / "frames").glob("*.zip")))
+        return {**folder.manifest(), "common": folder.common(), "frames": frames}
+    with tempfile.TemporaryDirectory() as name, zipfile.ZipFile(path) as archive:
+        names = set(archive.namelist())
+        for entry in {MOVIE, COMMON_RECORD} & names:
+            archive.extract(entry, name)
+        manifest = MovieFolder(Path(name)).manifest()
+        common = _read_json(Path(name) / COMMON_RECORD)
+    frames = sum(each.startswith("frames/") and each.endswith(".zip") for each in names)
+    return {**manifest, "common": common, "frames": frames}
 
 
 def unpack(source: Path, folder: Path) -> MovieFolder:

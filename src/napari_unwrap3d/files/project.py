@@ -53,6 +53,7 @@ FORMAT = "napari-unwrap3d project"
 SCHEMA_VERSION = 4
 OLDEST_SCHEMA = 1
 SUFFIX = ".unwrap3d"
+MOVIE = "movie.json"  # in the file of a movie, see :mod:`.movie`
 
 CHARTS = (
     "surface",
@@ -408,6 +409,11 @@ def check_project(path: Path) -> None:
     size = path.stat().st_size
     with zipfile.ZipFile(path) as archive:
         check_entries(archive, size)
+        if MOVIE in archive.namelist():
+            raise FileFormatError(
+                f"{path.name!r} is a movie, not a single cell.",
+                hint="Open it with load_movie(...).",
+            )
         if NODE not in archive.namelist():
             raise FileFormatError(
                 f"{path.name!r} is a zip file, but no project of napari-unwrap3d.",

@@ -15,7 +15,7 @@ import numpy as np
 from scipy import ndimage
 
 from ..charts import Mask, TemporalMask
-from ..geometry.interpolate import sample_linear
+from ..geometry.interpolate import sample_linear, sample_nearest
 
 MEAN, TIMEPOINT, EACH = "mean", "timepoint", "each"
 
@@ -54,52 +54,59 @@ class Recommendation:
 
 
 def recommend(
-    masks: Iterable[Mask], mean: TemporalMask, first: Mask, largest_outside: float
+    masks: Iterable[Mask], mean: TemporalMask | None, first: Mask, largest_outside: float
 ) -> Recommendation:
     """Choose a common space from the masks of all timepoints.
 
     A timepoint's border leaves the shell where it goes deeper into the solid than the
-    topography follows, near the solid's deepest point, or where it is beyond the medial axis
-    of the space around; estimated by the signed distance to the solid.
+    topography follows, to near the solid's deepest point, or so far out that columns are wide;
+    estimated by the signed distance to the solid. A timepoint that does not hold the deepest
+    point leaves the shell as a whole.
 
     Parameters
     ----------
     masks : iterable of Mask
         Of every timepoint, read once.
-    mean : TemporalMask
+    mean : TemporalMask or None
+        None where the timepoints have too little in common.
     first : Mask
         Of the timepoint that would make the space.
     largest_outside : float
         The share of a surface that may leave the shell.
     """
-    solids = {MEAN: _Shell.around(mean), TIMEPOINT: _Shell.around(first)}
+    solids = {TIMEPOINT: _Shell.around(first)}
+    if mean is not None:
+        solids = {MEAN: _Shell.around(mean)} | solids
     outside: dict[str, list[float]] = {name: [] for name in solids}
     for mask in masks:
-        border = np.argwhere(mask.data & ~ndimage.binary_erosion(mask.data))
-        points = mask.to_world(border)
         for name, shell in solids.items():
-            outside[name].append(shell.share_outside(points))
+            outside[name].append(shell.share_outside(mask))
     worst = {name: max(shares) for name, shares in outside.items()}
-    percent = {name: f"{100 * share:.1f} %" for name, share in worst.items()}
-    limit = f"{100 * largest_outside:g} %"
-    if worst[MEAN] <= largest_outside:
-        reason = (
-            f"At no timepoint does more than {percent[MEAN]} of the surface leave the shell around "
-            f"the temporal mean (limit {limit}); it changes least as protrusions come and go."
+    fitting = [name for name, share in worst.items() if share <= largest_outside]
+    method = fitting[0] if fitting else EACH
+    return Recommendation(method, _reason(method, worst, largest_outside), outside)
+
+
+def _reason(method: str, worst: dict[str, float], largest_outside: float) -> str:
+    """Why a common space suits, in words for the user."""
+    limit = f"the limit is {100 * largest_outside:g} %"
+    around = {MEAN: "the temporal mean", TIMEPOINT: "the chosen timepoint"}
+    if method == MEAN:
+        return (
+            f"At no timepoint does more than {100 * worst[MEAN]:.1f} % of the surface leave the "
+            f"shell around the temporal mean ({limit}); the mean changes least as protrusions come "
+            "and go."
         )
-        return Recommendation(MEAN, reason, outside)
-    if worst[TIMEPOINT] <= largest_outside:
-        reason = (
-            f"Up to {percent[MEAN]} of the surface leaves the shell around the temporal mean, and "
-            f"{percent[TIMEPOINT]} that around the chosen timepoint (limit {limit})."
-        )
-        return Recommendation(TIMEPOINT, reason, outside)
-    reason = (
-        f"The shape changes too much for one space: up to {percent[MEAN]} of the surface leaves "
-        f"the shell around the temporal mean and {percent[TIMEPOINT]} that around the chosen "
-        f"timepoint (limit {limit})."
-    )
-    return Recommendation(EACH, reason, outside)
+    parts = [
+        f"{100 * share:.1f} % leaves the shell around {around[name]}"
+        for name, share in worst.items()
+    ]
+    if MEAN not in worst:
+        parts.insert(0, "the timepoints have too little in common for a mean")
+    said = " and ".join(parts)
+    if method == TIMEPOINT:
+        return f"Of the surface at the worst timepoint, {said} ({limit})."
+    return f"The shape changes too much for one space: {said} ({limit})."
 
 
 # Deeper than this part of the way to its deepest point a solid's own streamlines end.
@@ -112,6 +119,7 @@ FARTHEST_FRACTION = 1.0
 class _Shell:
     solid: Mask
     distance: Any
+    core: Any
     depth: float
     height: float
 
@@ -123,13 +131,17 @@ class _Shell:
         return cls(
             solid,
             (outside - inside).astype(np.float32),
+            solid.to_world(np.unravel_index(inside.argmax(), inside.shape)),
             DEEPEST_FRACTION * float(inside.max()),
             FARTHEST_FRACTION * radius,
         )
 
-    def share_outside(self, points: Any) -> float:
-        """Which share of points (n, 3) in µm leaves the shell."""
-        index = self.solid.to_index(points)
+    def share_outside(self, mask: Mask) -> float:
+        """Which share of a mask's border leaves the shell; all where it is beside the core."""
+        if not sample_nearest(mask.data, mask.to_index(self.core)[None])[0]:
+            return 1.0  # columns start all around the core, so that half of them have no surface
+        border = np.argwhere(mask.data & ~ndimage.binary_erosion(mask.data))
+        index = self.solid.to_index(mask.to_world(border))
         found = sample_linear(self.distance, index)
         # Beyond the grid the distance goes on growing.
         over = np.maximum(np.maximum(-index, index - (np.array(self.solid.shape) - 1)), 0)

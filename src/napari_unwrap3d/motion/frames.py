@@ -30,6 +30,7 @@ from .signals import Signals
 
 AREA = "area_um2"
 HEIGHT = "height_um"
+OUTSIDE = "outside"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +105,12 @@ def frame_of(
     cell = surface(mask, parameters.surface, given, progress.part(0.0, 0.4))
     image = space.locate(cell.vertices, progress.part(0.4, 0.6))
     chart = space.topography_of(cell, image)
-    fields: dict[str, npt.NDArray[Any]] = {HEIGHT: image[:, 0], AREA: elements(cell)}
+    outside = (~np.isfinite(image).all(axis=1)).astype(np.float32)
+    fields: dict[str, npt.NDArray[Any]] = {
+        HEIGHT: image[:, 0],
+        AREA: elements(cell),
+        OUTSIDE: outside,
+    }
     if stack is not None:
         signals = Signals.chosen(stack, parameters.movie)
         fields |= signals.at(cell.vertices, mask, registered, progress.part(0.6, 0.9))
@@ -118,7 +124,7 @@ def frame_of(
         topography=image,
         uv=images(outermost, cell),
         mask=mask,
-        numbers=measured(cell, image, outermost),
+        numbers=measured(cell, outermost, space),
     )
 
 
@@ -127,22 +133,25 @@ def images(outermost: OutermostSurface, cell: Surface) -> dict[str, npt.NDArray[
     found = {
         name: outermost.image(values).astype(np.float32)
         for name, values in cell.fields.items()
-        if name != AREA
+        if name not in (AREA, OUTSIDE)
     }
     positions = np.stack([outermost.image(axis) for axis in cell.vertices.T], axis=-1)
     found[AREA] = pixel_distortion(positions)[AREA].astype(np.float32)
     return found
 
 
-def measured(cell: Surface, image: Floats, outermost: OutermostSurface) -> Mapping[str, Any]:
+def measured(cell: Surface, outermost: OutermostSurface, space: CommonSpace) -> Mapping[str, Any]:
     """What of a timepoint's surface the common space holds, and what (u, v) shows of it."""
     area = np.asarray(cell.fields[AREA])
-    outside = ~np.isfinite(image).all(axis=1)
+    outside = np.asarray(cell.fields[OUTSIDE]) > 0
     total = float(area.sum())
+    pixels = np.asarray(space.atlas.uv.fields[AREA])
+    empty = float(pixels[outermost.face < 0].sum())
     return {
         "area_um2": total,
         "volume_um3": cell.report.get("volume_um3"),
         "outside_area_um2": float(area[outside].sum()),
         "outside_fraction": float(area[outside].sum() / total),
-        "empty_pixels": int((outermost.face < 0).sum()),
+        "empty_area_um2": empty,
+        "empty_fraction": empty / float(pixels.sum()),
     }

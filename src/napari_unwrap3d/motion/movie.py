@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import shutil
 import tempfile
+import weakref
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -14,7 +16,7 @@ import numpy.typing as npt
 
 from ..atlas import Atlas
 from ..charts import Floats, Frame, Stack
-from ..errors import InputError
+from ..errors import InputError, Unwrap3DError
 from ..files.movie import MovieFolder, is_movie, unpack
 from ..parameters import Parameters
 from ..pipeline import ProgressLike
@@ -28,7 +30,14 @@ if TYPE_CHECKING:
     import pandas as pd
 
 FRAMES_IN_MEMORY = 4
-CHECKED = ("area_um2", "volume_um3", "outside_area_um2", "outside_fraction", "empty_pixels")
+CHECKED = (
+    "area_um2",
+    "volume_um3",
+    "outside_area_um2",
+    "outside_fraction",
+    "empty_area_um2",
+    "empty_fraction",
+)
 
 
 @dataclass(eq=False)
@@ -47,11 +56,10 @@ class Movie:
 
     folder: MovieFolder
     work: MovieWork | None = None
-    _temporary: tempfile.TemporaryDirectory[str] | None = None
 
     def __post_init__(self) -> None:
         self._manifest = self.folder.manifest()
-        self._frames = lru_cache(FRAMES_IN_MEMORY)(self._made)
+        self._frames = lru_cache(FRAMES_IN_MEMORY)(self.folder.frame)
 
     @classmethod
     def open(cls, path: str | Path, work: MovieWork | None = None) -> Movie:
@@ -65,8 +73,17 @@ class Movie:
         path = Path(path)
         if path.is_dir() or not is_movie(path):
             return cls(MovieFolder(path), work)
-        temporary = tempfile.TemporaryDirectory(prefix="unwrap3d-movie-")
-        return cls(unpack(path, Path(temporary.name)), work, temporary)
+        folder = _temporary_folder()
+        try:
+            return cls(unpack(path, folder), work)._owning()
+        except Unwrap3DError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+    def _owning(self) -> Movie:
+        """The movie, whose folder goes with it."""
+        weakref.finalize(self, shutil.rmtree, self.folder.path, ignore_errors=True)
+        return self
 
     # What it is of -----------------------------------------------------------------
 
@@ -157,9 +174,6 @@ class Movie:
             if not self.is_lost(timepoint):
                 yield self.frame(timepoint)
 
-    def _made(self, timepoint: int) -> Frame:
-        return self.folder.frame(timepoint)
-
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the uv stacks."""
@@ -227,8 +241,9 @@ class Movie:
         -------
         DataFrame
             ``timepoint``, ``time_s``, ``made`` (whether its frame was made), and of those that
-            were: ``area_um2``, ``volume_um3``, ``outside_area_um2``, ``outside_fraction`` and
-            ``empty_pixels``.
+            were: ``area_um2`` and ``volume_um3`` of the surface, ``outside_area_um2`` and
+            ``outside_fraction`` of what of it leaves the shell, and ``empty_area_um2`` and
+            ``empty_fraction`` of the part of the reference over which there is none.
         """
         import pandas as pd
 
@@ -247,16 +262,20 @@ class Movie:
         have its own atlas (paper, "Individual blebs dynamically recruit Septins").
         """
         limit = self.parameters.movie.largest_outside
-        table = self.check_table()
-        shares = table["outside_fraction"].fillna(0.0)
-        if self.record.get("method") == EACH or not (shares > limit).any():
+        if self.record.get("method") == EACH:
             return ""
-        worst = int(shares.idxmax())
+        table = self.check_table().fillna(0.0)
+        shares = table[["outside_fraction", "empty_fraction"]].max(axis=1)
+        if not (shares > limit).any():
+            return ""
+        worst = table.loc[shares.idxmax()]
         return (
-            f"{100 * shares[worst]:.1f} % of the surface ({table.outside_area_um2[worst]:.1f} µm²) "
-            f"leaves the common space at timepoint {worst}, and more than {100 * limit:g} % at "
-            f"{int((shares > limit).sum())} of {len(self)} timepoints. An atlas for each timepoint "
-            'holds all of it (movie.common = "each").'
+            f"At timepoint {worst.timepoint:.0f}, {100 * worst.outside_fraction:.1f} % of the "
+            f"surface ({worst.outside_area_um2:.1f} µm²) leaves the common space, and over "
+            f"{100 * worst.empty_fraction:.1f} % of the reference there is no surface; at "
+            f"{int((shares > limit).sum())} of {len(self)} timepoints it is more than "
+            f"{100 * limit:g} %. An atlas for each timepoint holds all of it "
+            '(movie.common = "each").'
         )
 
     # Files -------------------------------------------------------------------------
@@ -302,14 +321,18 @@ def unwrap_movie(
         A timepoint could not be segmented, or the common space not be built.
     """
     lapse = Timelapse.of(source, time_step)
-    temporary = None
-    if folder is None:
-        temporary = tempfile.TemporaryDirectory(prefix="unwrap3d-movie-")
-        folder = temporary.name
-    work = MovieWork(lapse, parameters or Parameters(), MovieFolder(Path(folder)))
+    path = _temporary_folder() if folder is None else Path(folder)
+    work = MovieWork(lapse, parameters or Parameters(), MovieFolder(path))
     work.begin()
+    movie = Movie(work.folder, work)
+    if folder is None:
+        movie._owning()
     run_stages(work, progress, until="common")
-    return Movie(work.folder, work, temporary)
+    return movie
+
+
+def _temporary_folder() -> Path:
+    return Path(tempfile.mkdtemp(prefix="unwrap3d-movie-"))
 
 
 def load_movie(path: str | Path) -> Movie:

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Ints, Mask, Stack, Surface, TemporalMask
-from ..errors import InputError
+from ..errors import InputError, NoMeanError, SeveralCellsError
 from ..geometry.rigid import Rigid
 from ..imaging.segment import check_mask, segment
 from ..imaging.solid import largest_component, with_margin
@@ -18,6 +18,8 @@ from ..progress import Progress
 from ..unwrapping.solid import closed_mesh, mask_of_mesh
 from .timelapse import Source, at_timepoint
 
+# A second piece of the mean with this part of the largest one's volume is another cell.
+LARGEST_PIECE = 0.5
 # The mean binary volume is meshed at this value (paper, "u-Unwrap3D analysis" of blebs).
 MEAN_LEVEL = 0.5
 
@@ -109,11 +111,33 @@ class MeanOutline:
         return total
 
     def mask(self) -> TemporalMask:
-        """The mean cell: the largest component of what is inside half of the time or more."""
+        """The mean cell: the largest component of what is inside half of the time or more.
+
+        Raises
+        ------
+        NoMeanError
+            There is none, or it is in pieces: the cell is at different places.
+        """
         assert self._counts is not None
         mean = self._counts >= MEAN_LEVEL * self.timepoints
-        data, _ = largest_component(mean, self._edge**3, 1.0)
-        return self.around(data)
+        try:
+            if mean.any():
+                data, _ = largest_component(mean, self._edge**3, LARGEST_PIECE)
+                return self.around(data)
+        except SeveralCellsError as error:
+            raise self._no_mean(mean) from error
+        raise self._no_mean(mean)
+
+    def _no_mean(self, mean: npt.NDArray[np.bool_]) -> NoMeanError:
+        assert self._counts is not None
+        return NoMeanError(
+            "The cell moves or changes too much to have a temporal mean.",
+            timepoints=self.timepoints,
+            inside_half_of_the_time_um3=float(mean.sum()) * self._edge**3,
+            inside_at_some_time_um3=float(np.count_nonzero(self._counts)) * self._edge**3,
+            hint="Register the timepoints (registration.method), or choose another common space "
+            '(movie.common = "each").',
+        )
 
     def around(self, data: npt.NDArray[np.bool_]) -> TemporalMask:
         """A solid on the grid of the sum, with what every timepoint needs of the space."""
@@ -131,7 +155,6 @@ class MeanOutline:
         """One of the masks that were added, on the grid of the sum."""
         assert self._counts is not None
         data = np.zeros(self._counts.shape, bool)
-        offset = np.rint(np.asarray(mask.origin) / self._edge).astype(np.int64) - self._first
         tight = with_margin(mask, 0)
         offset = np.rint(np.asarray(tight.origin) / self._edge).astype(np.int64) - self._first
         z, y, x = (slice(int(a), int(a) + n) for a, n in zip(offset, tight.shape, strict=True))

@@ -14,8 +14,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from ..charts import Mask, Stack, Surface, Volume
-from ..errors import InputError
+from ..charts import Mask, Stack, Surface, TemporalMask, Volume
+from ..errors import InputError, NoMeanError
 from ..files.movie import MovieFolder
 from ..files.project import load_project, save_project
 from ..imaging.register import Registered, register
@@ -116,11 +116,14 @@ class MovieWork:
         segmented = self.segmented()
         which = self._chosen_timepoint(segmented)
         first, _ = self.folder.mask(which)
-        temporal = mean.mask()
+        temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
         advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
         method = advice.method if chosen.common == "recommended" else chosen.common
-        source = temporal if method == MEAN else mean.placed(first)
+        if method == MEAN:
+            source = temporal if temporal is not None else mean.mask()
+        else:
+            source = mean.placed(first)
         pipeline = Pipeline(source)
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
         self.folder.drop_common()
@@ -206,6 +209,13 @@ class MovieWork:
         """The timepoints that have a mask: in a batch, one that fails does not stop the others."""
         every = range(len(self.lapse))
         return [t for t in every if self.folder.has_mask(t, self.mask_key(t))]
+
+    @staticmethod
+    def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
+        try:
+            return mean.mask()
+        except NoMeanError:
+            return None
 
     def _chosen_timepoint(self, segmented: list[int]) -> int:
         which = self.parameters.movie.timepoint

@@ -7,6 +7,16 @@ the working grid (:mod:`.solids`) and imaged by a light-sheet microscope
 
 from .cells import SimulatedCell, Truth, cell
 from .microscope import Microscope
+from .movies import FrameTruth, SimulatedMovie, movie
 from .scenes import KINDS
 
-__all__ = ["KINDS", "Microscope", "SimulatedCell", "Truth", "cell"]
+__all__ = [
+    "KINDS",
+    "FrameTruth",
+    "Microscope",
+    "SimulatedCell",
+    "SimulatedMovie",
+    "Truth",
+    "cell",
+    "movie",
+]

@@ -9,6 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Floats
+from ..geometry.rigid import Rigid
 
 LARGEST_ASPECT = 1.6
 # Waves, lowest and highest wave number on the unit sphere, and between which values the
@@ -80,9 +81,64 @@ class Body:
         samples = self.samples(5000)
         return samples.min(axis=0), samples.max(axis=0)
 
+    def moved(self, pose: Rigid) -> Body:
+        """The same body elsewhere, and turned."""
+        return replace(
+            self,
+            centre=pose.apply(self.centre),
+            rotation=self.rotation @ pose.rotation.T,
+            waves=self.waves @ pose.rotation.T,
+        )
+
     def scaled(self, factor: float) -> Body:
         """The same shape, `factor` times as large."""
         return replace(self, semi_axes=self.semi_axes * factor)
+
+
+@dataclass(frozen=True, eq=False)
+class StandingBody(Body):
+    """A body that stands on a plane: it is cut off there, with a rounded edge.
+
+    Attributes
+    ----------
+    up : ndarray, (3,)
+        The plane's unit normal, into the body.
+    floor_um : float
+        Distance of the centre from the plane.
+    edge_um : float
+        How wide the rounded edge is.
+    """
+
+    up: Floats
+    floor_um: float
+    edge_um: float
+
+    @classmethod
+    def of(cls, body: Body, up: Floats, height: float) -> StandingBody:
+        """Cut a body `height` (a part of its smallest semi-axis) below its centre."""
+        smallest = float(body.semi_axes.min())
+        parts = {name: getattr(body, name) for name in Body.__dataclass_fields__}
+        return cls(**parts, up=up, floor_um=height * smallest, edge_um=0.25 * smallest)
+
+    def radius(self, directions: Floats) -> Floats:
+        """Distance (...) in µm from the centre to the surface along unit vectors (..., 3)."""
+        free = super().radius(directions)
+        to_floor = self.floor_um / np.maximum(-directions @ self.up, 1e-3)
+        overlap = np.maximum(self.edge_um - np.abs(free - to_floor), 0.0)
+        radius: Floats = np.minimum(free, to_floor) - overlap**2 / (4 * self.edge_um)
+        return radius
+
+    def moved(self, pose: Rigid) -> StandingBody:
+        """The same body elsewhere, and turned."""
+        return replace(super().moved(pose), up=pose.rotation @ self.up)
+
+    def scaled(self, factor: float) -> StandingBody:
+        """The same shape, `factor` times as large."""
+        return replace(
+            super().scaled(factor),
+            floor_um=self.floor_um * factor,
+            edge_um=self.edge_um * factor,
+        )
 
 
 def draw_body(rng: np.random.Generator, centre: npt.ArrayLike, half_extent_um: float) -> Body:

@@ -9,7 +9,7 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from ..charts import Floats, Size3
-from .solids import Field, smooth_noise, weighted
+from .solids import Field, weighted
 
 CORTEX_DEPTH_UM = 0.15
 CORTEX_BRIGHTNESS = 1.2
@@ -44,8 +44,14 @@ class Microscope:
     read_noise: float = 3.5
 
 
+def filled(field: Field, voxel_um: float) -> Field:
+    """Which part of every voxel is inside, from signed distances in µm."""
+    part: Field = np.clip(np.float32(0.5) - field / np.float32(voxel_um), 0, 1)
+    return part
+
+
 def fluorescence(
-    field: Field, rng: np.random.Generator, voxel_um: float, nucleus: tuple[Floats, float]
+    field: Field, texture: Field, voxel_um: float, nucleus: tuple[Floats, float]
 ) -> Field:
     """Concentration of the dye: cytosol 1, brighter under the membrane, dimmer in the nucleus.
 
@@ -53,19 +59,20 @@ def fluorescence(
     ----------
     field : ndarray, (z, y, x) float32
         Signed distance in µm, negative inside.
+    texture : ndarray, (z, y, x) float32
+        Of unit variance: how the dye is unevenly spread.
     nucleus : (ndarray (3,), float)
         Centre (z, y, x) and radius in µm.
     """
     size = field.shape[0]
-    filled = np.clip(np.float32(0.5) - field / np.float32(voxel_um), 0, 1)
     depth = (field + np.float32(CORTEX_DEPTH_UM)) / np.float32(CORTEX_DEPTH_UM)
     dye = np.float32(1) + np.float32(CORTEX_BRIGHTNESS) * np.exp(np.float32(-0.5) * depth * depth)
-    dye += np.float32(TEXTURE) * smooth_noise(rng, size, step=8)
+    dye += np.float32(TEXTURE) * texture
     axes = [((np.arange(size) * voxel_um - c) ** 2).astype(np.float32) for c in nucleus[0]]
     distance = np.sqrt(axes[0][:, None, None] + axes[1][:, None] + axes[2])
     distance -= np.float32(nucleus[1])
     dye -= np.float32(NUCLEUS_DIMMING) * np.clip(0.5 - distance / np.float32(0.4), 0, 1)
-    visible: Field = np.maximum(dye, np.float32(0)) * filled
+    visible: Field = np.maximum(dye, np.float32(0)) * filled(field, voxel_um)
     return visible
 
 
@@ -81,14 +88,28 @@ def image(
     Voxel (0, 0, 0) of the stack is centred on voxel (0, 0, 0) of the dye. A pixel of the
     camera averages over its area; a plane is recorded at one position of the stage.
     """
+    light = blurred(dye, voxel_um, voxel_size, microscope)
+    return camera(light, background(rng, light.shape, microscope), microscope, rng)
+
+
+def blurred(
+    dye: Field, voxel_um: float, voxel_size: Size3, microscope: Microscope, widening: float = 1.0
+) -> Field:
+    """What the optics make of a dye, sampled; the point-spread is `widening` times as wide."""
     pixel = (0.0, voxel_size[1], voxel_size[2])
     weights = [
-        sampling(dye.shape[a], voxel_um, voxel_size[a], microscope.psf_um[a], pixel[a])
+        sampling(dye.shape[a], voxel_um, voxel_size[a], widening * microscope.psf_um[a], pixel[a])
         for a in range(3)
     ]
-    light = weighted(dye, weights)
+    return weighted(dye, weights)
+
+
+def camera(
+    light: Field, beside: Floats, microscope: Microscope, rng: np.random.Generator
+) -> npt.NDArray[np.uint16]:
+    """Counts of a light (z, y, x) and of the background photons beside it."""
     expected = microscope.photons * light.astype(np.float64)
-    expected += microscope.background_photons * _gradient(rng, light.shape, microscope)
+    expected += beside
     electrons = rng.poisson(expected)
     counts = microscope.offset + microscope.counts_per_photon * electrons
     counts += rng.normal(0.0, microscope.read_noise, counts.shape)
@@ -123,11 +144,11 @@ def _integral(t: Floats) -> Floats:
     return integral
 
 
-def _gradient(rng: np.random.Generator, shape: tuple[int, ...], microscope: Microscope) -> Floats:
-    """A plane of mean 1 that slopes in a random direction."""
+def background(rng: np.random.Generator, shape: tuple[int, ...], microscope: Microscope) -> Floats:
+    """Expected photons (z, y, x) without a cell: they slope in a random direction."""
     direction = rng.normal(size=3)
     direction /= np.abs(direction).sum()
     planes = [d * np.linspace(-0.5, 0.5, n) for d, n in zip(direction, shape, strict=True)]
     slope = planes[0][:, None, None] + planes[1][:, None] + planes[2]
-    gradient: Floats = 1.0 + microscope.background_slope * slope
-    return gradient
+    photons: Floats = microscope.background_photons * (1.0 + microscope.background_slope * slope)
+    return photons

@@ -21,6 +21,7 @@ from .protrusions import Shape
 
 Field = npt.NDArray[np.float32]
 Solid = npt.NDArray[np.bool_]
+Box = tuple[slice, slice, slice]
 
 BODY_STEP = 3  # voxels between the nodes on which the body is evaluated
 NOISE_STEP = 5
@@ -61,14 +62,9 @@ def build(
     """
     field = body_field(body, size, voxel_um)
     solid_body = _inside(field, displacement)
-    owner = np.zeros(field.shape, np.int32)
-    nearest = np.full(field.shape, np.inf, np.float32)
+    union = Union.of(field)
     for number, shape in enumerate(protrusions, start=1):
-        box, distance = shape_field(shape, field.shape, voxel_um)
-        field[box] = smooth_minimum(field[box], distance, shape.blend_um)
-        closer = distance < nearest[box]
-        nearest[box][closer] = distance[closer]
-        owner[box][closer] = number
+        union.add(number, shape, *shape_field(shape, field.shape, voxel_um))
         report(number / len(protrusions))
     for shape in holes:
         box, distance = shape_field(shape, field.shape, voxel_um)
@@ -76,8 +72,33 @@ def build(
     mask = _inside(field, displacement)
     if displacement is not None:
         field -= displacement
-    owner[~mask | solid_body] = 0
-    return Solids(field, mask, solid_body, owner)
+    return Solids(field, mask, solid_body, union.labels(mask, solid_body))
+
+
+@dataclass(frozen=True, eq=False)
+class Union:
+    """A field while shapes are united with it, and which of them is the nearest."""
+
+    field: Field
+    owner: npt.NDArray[np.int32]
+    nearest: Field
+
+    @classmethod
+    def of(cls, field: Field) -> Union:
+        """Without any shape yet; `field` is changed in place."""
+        return cls(field, np.zeros(field.shape, np.int32), np.full_like(field, np.inf))
+
+    def add(self, number: int, shape: Shape, box: Box, distance: Field) -> None:
+        """Unite with a shape, whose distances in a box are given."""
+        self.field[box] = smooth_minimum(self.field[box], distance, shape.blend_um)
+        closer = distance < self.nearest[box]
+        self.nearest[box][closer] = distance[closer]
+        self.owner[box][closer] = number
+
+    def labels(self, mask: Solid, body: Solid) -> npt.NDArray[np.int32]:
+        """The nearest shape's number in the mask outside the body, else 0."""
+        self.owner[~mask | body] = 0
+        return self.owner
 
 
 def _inside(field: Field, displacement: Field | None) -> Solid:
@@ -97,18 +118,18 @@ def body_field(body: Body, size: int, voxel_um: float) -> Field:
     slopes = np.gradient(level, BODY_STEP * voxel_um)
     steepness = np.sqrt(sum(slope**2 for slope in slopes))
     distance = level / np.clip(steepness, 0.7, 3.0)
-    return _refined(distance, nodes, size)
+    return refined(distance, nodes, size)
 
 
 def smooth_noise(rng: np.random.Generator, size: int, step: int = NOISE_STEP) -> Field:
     """Noise (size, size, size) of unit variance that is smooth over `step` voxels."""
     nodes = np.arange(-step, size + 2 * step, step)
-    noise = _refined(rng.normal(size=(len(nodes),) * 3), nodes, size)
+    noise = refined(rng.normal(size=(len(nodes),) * 3), nodes, size)
     unit: Field = noise / noise.std()
     return unit
 
 
-def _refined(values: Floats, nodes: npt.NDArray[np.int64], size: int) -> Field:
+def refined(values: Floats, nodes: npt.NDArray[np.int64], size: int) -> Field:
     """Cubic spline interpolation from nodes (on all three axes) to all voxels."""
     weights = make_interp_spline(nodes, np.eye(len(nodes)), k=3)(np.arange(size))
     return weighted(values, [weights] * 3)
@@ -129,10 +150,13 @@ def weighted(values: npt.NDArray[np.floating], weights: Sequence[Floats]) -> Fie
 
 
 def shape_field(
-    shape: Shape, grid: tuple[int, ...], voxel_um: float
-) -> tuple[tuple[slice, slice, slice], Field]:
-    """A box around a swept shape, and the distance in µm to it there, cut off far from it."""
-    reach = shape.blend_um + 2 * voxel_um
+    shape: Shape, grid: tuple[int, ...], voxel_um: float, reach_um: float = 0.0
+) -> tuple[Box, Field]:
+    """A box around a swept shape, and the distance in µm to it there, cut off far from it.
+
+    The box reaches as far as the shape blends into others, or `reach_um` where that is more.
+    """
+    reach = max(shape.blend_um + 2 * voxel_um, reach_um)
     around = (shape.radii + reach)[:, None]
     low = np.floor((shape.points - around).min(axis=0) / voxel_um).astype(int)
     high = np.ceil((shape.points + around).max(axis=0) / voxel_um).astype(int) + 1
@@ -143,7 +167,7 @@ def shape_field(
     return box, distance
 
 
-@numba.njit(cache=True)
+@numba.njit(nogil=True, cache=True)
 def _sweep(distance, points, radii, reach, voxel):  # type: ignore[no-untyped-def]
     """Lower `distance` to the distance to the nearest ball, for every ball in turn."""
     depth, height, width = distance.shape
