@@ -7,7 +7,7 @@ other, :mod:`napari_unwrap3d.batch` on as many workers as there are.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -68,6 +68,14 @@ class MovieWork:
             }
         )
 
+    def know(self, keys: Mapping[int, str]) -> None:
+        """Take hashes of timepoints' sources from someone who has read them."""
+        self._keys |= keys
+
+    def known(self, timepoint: int) -> str | None:
+        """The hash of a timepoint's source, if it was read."""
+        return self._keys.get(timepoint)
+
     def run(self, stage: Stage, timepoint: int, progress: Progress) -> bool:
         """Do one piece of work; False where it was done before.
 
@@ -101,12 +109,13 @@ class MovieWork:
         return True
 
     def common(self, timepoint: int, progress: Progress) -> bool:
-        """Build the common space; needs the masks of all timepoints."""
+        """Build the common space of the timepoints that have a mask."""
         key = self.common_key()
         record = self.folder.common()
         if record is not None and record["key"] == key:
             return False
-        which = self._chosen_timepoint()
+        segmented = self.segmented()
+        which = self._chosen_timepoint(segmented)
         mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
         chosen = self.parameters.movie
         first, _ = self.folder.mask(which)
@@ -121,8 +130,10 @@ class MovieWork:
         pipeline = Pipeline(source)
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
         kept = kept_annotations(self.folder.common_path, atlas)
+        self.folder.drop_common()
         save_project(atlas, self.folder.common_path, source=source, annotations=kept)
-        self.folder.keep_common(_record(key, method, which, self.segmented(), advice))
+        advice = advice.spread(segmented, len(self.lapse))
+        self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
         return True
 
     def frame(self, timepoint: int, progress: Progress) -> bool:
@@ -193,16 +204,15 @@ class MovieWork:
         return kept[1]
 
     def _masks(self, progress: Progress) -> Iterable[Mask]:
-        for timepoint in self.segmented():
-            progress(timepoint / len(self.lapse), "the cell at all timepoints")
+        segmented = self.segmented()
+        for done, timepoint in enumerate(segmented):
+            progress(done / len(segmented), "the cell at all timepoints")
             yield self.folder.mask(timepoint)[0]
 
     def segmented(self) -> list[int]:
-        """The timepoints whose cell was found; the common space is made from these.
-
-        One that cannot be segmented keeps the others from nothing.
-        """
-        return [t for t in range(len(self.lapse)) if self.folder.has_mask(t, self.mask_key(t))]
+        """The timepoints that have a mask: in a batch, one that fails does not stop the others."""
+        every = range(len(self.lapse))
+        return [t for t in every if self.folder.has_mask(t, self.mask_key(t))]
 
     @staticmethod
     def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
@@ -211,20 +221,18 @@ class MovieWork:
         except NoMeanError:
             return None
 
-    def _chosen_timepoint(self) -> int:
+    def _chosen_timepoint(self, segmented: list[int]) -> int:
         which = self.parameters.movie.timepoint
         self.lapse.at(which)
-        found = self.segmented()
-        if not found:
+        if which in segmented:
+            return which
+        if not segmented or self.parameters.movie.common == TIMEPOINT:
             raise InputError(
-                "The cell was found at no timepoint.", hint="Run the stage 'segment' before."
+                f"The cell was not found at timepoint {which}, which makes the common space.",
+                segmented=len(segmented),
+                hint="Choose another timepoint (movie.timepoint), or look why it failed.",
             )
-        if which not in found and self.parameters.movie.common == TIMEPOINT:
-            raise InputError(
-                f"The cell was not found at timepoint {which}, which is to make the common space.",
-                hint="Choose another timepoint (movie.timepoint).",
-            )
-        return which if which in found else found[0]
+        return min(segmented, key=lambda timepoint: abs(timepoint - which))
 
     def _register(self, timepoint: int, progress: Progress) -> Registered:
         if self.parameters.registration.method == "none" or timepoint == 0:
@@ -242,8 +250,10 @@ class MovieWork:
             return None
         if isinstance(source, Mask):
             return Volume(source.data.astype(np.float32), source.voxel_size, source.origin)
-        data = chosen_volume(source, 0, self.parameters.stack.channel)
-        return Volume(np.asarray(data), source.voxel_size)
+        data = np.asarray(chosen_volume(source, 0, self.parameters.stack.channel))
+        if self.parameters.stack.label is not None:
+            data = (data == self.parameters.stack.label).astype(np.float32)
+        return Volume(data, source.voxel_size)
 
     # Keys --------------------------------------------------------------------------
 
@@ -256,7 +266,8 @@ class MovieWork:
     def registration_key(self, timepoint: int) -> str:
         registration = self.parameters.registration.model_dump_json()
         sources = [self.source_key(t) for t in (0, timepoint)]
-        return self._key("register", registration, self.parameters.stack.channel, sources)
+        shown = (self.parameters.stack.channel, self.parameters.stack.label)
+        return self._key("register", registration, shown, sources)
 
     def mask_key(self, timepoint: int) -> str:
         stack = self.working_parameters.stack.model_dump_json(exclude={"timepoint"})
@@ -266,7 +277,7 @@ class MovieWork:
         chosen = self.parameters.movie
         how = (chosen.common, chosen.timepoint, chosen.largest_outside)
         steps = [getattr(self.parameters, name).model_dump_json() for name in SPACE]
-        masks = [self.mask_key(t) for t in self.segmented()]
+        masks = [(t, self.mask_key(t)) for t in self.segmented()]
         return self._key("common", how, steps, masks)
 
     def frame_key(self, timepoint: int) -> str:
@@ -300,14 +311,13 @@ def kept_annotations(path: Path, atlas: Atlas) -> State | None:
 
 
 def _record(
-    key: str, method: str, timepoint: int, segmented: list[int], advice: Recommendation
+    key: str, method: str, timepoint: int, timepoints: int, advice: Recommendation
 ) -> dict[str, Any]:
     return {
         "key": key,
         "method": method,
         "timepoint": timepoint if method == TIMEPOINT else None,
-        "timepoints": len(segmented),
-        "segmented": segmented,
+        "timepoints": timepoints,
         "recommendation": advice.to_plain(),
     }
 

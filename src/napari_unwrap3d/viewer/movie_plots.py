@@ -143,9 +143,7 @@ def drift_rows(table: pd.DataFrame) -> list[Row]:
     return [*rows, Row("residual (1 − correlation)", left)]
 
 
-def outside_rows(
-    record: Mapping[str, Any], table: pd.DataFrame | None, timepoints: int, limit: float
-) -> list[Row]:
+def outside_rows(record: Mapping[str, Any], table: pd.DataFrame | None, limit: float) -> list[Row]:
     """Which share of every timepoint's surface leaves the space: estimated, and measured.
 
     Parameters
@@ -154,17 +152,14 @@ def outside_rows(
         Of the common space.
     table : DataFrame or None
         :meth:`Movie.check_table`, where frames were made.
-    timepoints : int
     limit : float
         The share that may leave it.
     """
     advice = record.get("recommendation", {})
-    of = record.get("segmented", range(timepoints))
-    curves: dict[str, Floats] = {}
-    for method, shares in advice.get("outside", {}).items():
-        curve = np.full(timepoints, np.nan)
-        curve[list(of)[: len(shares)]] = np.multiply(100.0, shares)
-        curves[METHODS.get(method, method)] = curve
+    curves: dict[str, Floats] = {
+        METHODS.get(method, method): 100.0 * np.asarray(shares, dtype=np.float64)
+        for method, shares in advice.get("outside", {}).items()
+    }
     if table is not None:
         measured = 100.0 * column(table, "outside_fraction")
         if np.isfinite(measured).any():

@@ -306,7 +306,7 @@ class SpaceSection(StageSection):
         tables = self.run.tables
         if tables is None or not tables.record:
             return []
-        return outside_rows(tables.record, tables.check, len(tables.check), tables.limit)
+        return outside_rows(tables.record, tables.check, tables.limit)
 
 
 class FramesSection(StageSection):
