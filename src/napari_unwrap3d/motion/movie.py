@@ -85,6 +85,12 @@ class Movie:
         weakref.finalize(self, shutil.rmtree, self.folder.path, ignore_errors=True)
         return self
 
+    def go_on_with(self, work: MovieWork) -> None:
+        """Its frames are those of other parameters now; the common space stays."""
+        self.work, self._manifest = work, self.folder.manifest()
+        self.__dict__.pop("parameters", None)
+        self._frames.cache_clear()
+
     # What it is of -----------------------------------------------------------------
 
     def __len__(self) -> int:

@@ -438,13 +438,12 @@ class MovieRun(QObject):
             return
         if self.movie.work is self._work or self.movie.folder != self._work.folder:
             return
-        common = self.movie.common
-        movie = Movie(self._work.folder, self._work)
-        movie.__dict__["common"] = common
+        self.movie.go_on_with(self._work)
         viewer = self._viewer()
-        if viewer is not None:
-            movie_session_of(viewer).set_movie(movie)
-            self._show(movie)
+        if viewer is not None and self._is_shown():
+            movie_session_of(viewer).frames_made_anew()
+        self.movie_changed.emit()
+        self._want_tables()
 
     # Opening and saving --------------------------------------------------------------
 
