@@ -37,10 +37,11 @@ class WorkingFolder:
         if not is_movie(self.path):
             return True
         known = self.folder.manifest()
-        return (known["timepoints"], known["time_step_s"], list(known["channels"])) == (
+        # Layers do not know what channels are called.
+        return (known["timepoints"], known["time_step_s"], len(known["channels"])) == (
             len(lapse),
             lapse.time_step_s,
-            list(lapse.channels),
+            len(lapse.channels),
         )
 
     def saved(self) -> None:
