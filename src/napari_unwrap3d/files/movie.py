@@ -11,6 +11,7 @@ Layout::
     common.json                 which common space, why, and its key
     common.unwrap3d             the atlas of the common space, with its annotations
     frames/00012.zip            the frame
+    annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
     failures/00012.json         why the timepoint could not be made and is left out
 """
@@ -65,7 +66,7 @@ class MovieFolder:
         FileFormatError
             The folder is no movie, or of another version.
         """
-        found = _read_json(self.path / MOVIE)
+        found = read_json(self.path / MOVIE)
         if found is None or found.get("format") != FORMAT:
             raise FileFormatError(
                 f"{self.path.name!r} is no movie of napari-unwrap3d.",
@@ -84,7 +85,7 @@ class MovieFolder:
 
     def registered(self, timepoint: int, key: str) -> Registered | None:
         """Where a timepoint lies, if that was found for this key."""
-        found = _read_json(self._piece("registration", timepoint, ".json"))
+        found = read_json(self._piece("registration", timepoint, ".json"))
         if found is None or found.get("key") != key:
             return None
         return Registered.from_plain(found)
@@ -107,7 +108,7 @@ class MovieFolder:
 
     def common(self) -> dict[str, Any] | None:
         """The record of the common space, if one was made: ``key``, ``method``, ``reason`` …"""
-        found = _read_json(self.path / COMMON_RECORD)
+        found = read_json(self.path / COMMON_RECORD)
         return found if (self.path / COMMON).is_file() else None
 
     def drop_common(self) -> None:
@@ -223,7 +224,7 @@ def read_movie_summary(path: str | Path) -> dict[str, Any]:
         for entry in {MOVIE, COMMON_RECORD} & names:
             archive.extract(entry, name)
         manifest = MovieFolder(Path(name)).manifest()
-        common = _read_json(Path(name) / COMMON_RECORD)
+        common = read_json(Path(name) / COMMON_RECORD)
     frames = sum(each.startswith("frames/") and each.endswith(".zip") for each in names)
     return {**manifest, "common": common, "frames": frames}
 
@@ -257,7 +258,8 @@ def unpack(source: Path, folder: Path) -> MovieFolder:
     return MovieFolder(folder)
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds; None where there is none."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

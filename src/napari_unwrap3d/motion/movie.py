@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     import dask.array
     import pandas as pd
 
+    from ..annotations import State
+
 FRAMES_IN_MEMORY = 4
 CHECKED = (
     "area_um2",
@@ -122,12 +124,19 @@ class Movie:
 
     @cached_property
     def common(self) -> Atlas:
-        """The atlas of the common space: of the temporal mean, or of one timepoint."""
+        """The atlas of the common space: of the temporal mean, or of one timepoint.
+
+        What was drawn on it is in its annotations; what was drawn on single timepoints is in
+        their :class:`~napari_unwrap3d.annotations.times.Times`.
+        """
+        from ..files.movie_annotations import restore_timed
         from ..files.project import load_project
 
         if self.folder.common() is None:
             raise InputError("The movie has no common space yet.", hint="Call compute().")
-        return load_project(self.folder.common_path)
+        atlas = load_project(self.folder.common_path)
+        restore_timed(self.folder, atlas)
+        return atlas
 
     @property
     def record(self) -> dict[str, Any]:
@@ -286,8 +295,23 @@ class Movie:
 
     # Files -------------------------------------------------------------------------
 
+    def keep_annotations(self, state: State | None = None) -> None:
+        """Write what was drawn on the common space, and on single timepoints, into the folder.
+
+        Parameters
+        ----------
+        state : State, optional
+            ``movie.common.annotations.state()``, where it is drawn on while this runs.
+        """
+        from ..files.movie_annotations import keep_annotations
+
+        keep_annotations(self.folder, state or self.common.annotations.state())
+
     def save(self, path: str | Path, progress: Progress | None = None) -> Path:
         """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
+        drawn = self.__dict__["common"].annotated if "common" in self.__dict__ else None
+        if drawn is not None:
+            self.keep_annotations(drawn.state())
         return self.folder.pack(Path(path), progress)
 
 

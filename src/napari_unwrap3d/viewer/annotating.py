@@ -214,8 +214,11 @@ class Annotating(QObject):
 
     def show_frame(self, frame: ShownFrame | None) -> None:
         """Draw on the surface of this timepoint; None where no movie is shown."""
+        begins_or_ends = (frame is None) != (self._frame is None)
         self._frame = frame
         self.painter.forget(FRAME)
+        if begins_or_ends and self._annotations is not None:
+            self.chosen.emit()
 
     def frame_rests(self) -> None:
         """The timepoint is looked at: get ready to draw on it, if that is what is done."""

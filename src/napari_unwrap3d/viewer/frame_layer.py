@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from napari.layers import Surface
 
 SHADES = 256
+WHITE = np.full((2, 2, 3), 255, np.uint8)
 
 
 def swap_mesh(
@@ -44,6 +45,11 @@ def swap_mesh(
         Of the vertices in the texture.
     """
     missing = np.isnan(values)
+    textured = texture is not None
+    if texture is None and layer.texture is not None:
+        # napari keeps the coordinates of a texture that is taken away, and the graphics card
+        # reads beyond their end when the next mesh is larger: white leaves the values as they are.
+        texture, coordinates = WHITE, np.zeros((len(vertices), 2), np.float32)
     events = layer.events
     with ExitStack() as blocked:
         for event in (events.set_data, events.data, events.texture, events.texcoords):
@@ -52,8 +58,9 @@ def swap_mesh(
         if layer.vertex_colors is not None:
             layer.vertex_colors = None
         layer.data = (vertices, faces, np.where(missing, 0.0, values).astype(np.float32))
-        if texture is not None:
+        if textured:
             layer.vertex_colors = np.ones((len(vertices), 4), np.float32)
+        if texture is not None:
             layer.texcoords = coordinates
             layer.texture = texture
     layer.metadata[KEY][MISSING] = missing

@@ -11,6 +11,8 @@ from qtpy.QtCore import QEvent, QObject
 
 from ..motion.frame_fields import FrameFields, MovieColours
 from ..motion.movie import Movie
+from .drawing_state import begin_afresh
+from .movie_annotations import MovieAnnotations
 from .threads import Task, tell
 
 if TYPE_CHECKING:
@@ -43,6 +45,7 @@ class MovieViews(QObject):
         self._opening: Task | None = None
         self.colours: MovieColours | None = None
         self.layers: MovieLayers | None = None
+        self.annotations: MovieAnnotations | None = None
         self._atlas: Atlas | None = None
         self._axes: list[TimeAxis] = []
         session.movie_changed.connect(self._on_movie)
@@ -127,9 +130,16 @@ class MovieViews(QObject):
         self._atlas = atlas
         self._axes = [TimeAxis(model, self._session) for model in (viewer, canvas.model)]
         open_timeline(viewer)
+        begin_afresh(viewer.window._qt_viewer)
         yield
+        autosave = autosave_of(viewer)
+        self.annotations = MovieAnnotations(self._session, opened.atlas.annotations, autosave, self)
+        if self._session.shown is not None:
+            self.annotations.show(self._session.timepoint)
         self.layers = MovieLayers(viewer, canvas, annotating, self.colours, self)
         canvas.colouring.catalogue = self._fields
+        # The last one is asked first: what the layers use is still there when the window closes.
+        viewer.window._qt_window.installEventFilter(self)
         session_of(viewer).finished.connect(self._on_atlas)
         yield
         if self._session.shown is not None:
@@ -152,8 +162,9 @@ class MovieViews(QObject):
 
     def _on_frame(self, _: Any) -> None:
         shown = self._session.shown
-        if self.layers is None or shown is None:
+        if self.layers is None or self.annotations is None or shown is None:
             return
+        self.annotations.show(shown.frame.timepoint)
         if self.layers.shown is None:
             from .session import session_of
 
@@ -184,6 +195,10 @@ class MovieViews(QObject):
         from .session import session_of
 
         viewer = self._viewer()
+        if self.annotations is not None:
+            self.annotations.close()
+            self.annotations.deleteLater()
+            self.annotations = None
         if self.layers is not None and viewer is not None:
             self.layers.close()
             self.layers.deleteLater()
