@@ -77,7 +77,7 @@ def run_piece(
     Unwrap3DError
         It could not be done. The error's notes hold the log, and ``stage`` says where.
     """
-    own_kernel_cache()
+    prepare()
     start = time.perf_counter()
     reset_peak()
     with Log() as log:
@@ -180,17 +180,35 @@ class Log(logging.Handler):
             error.__dict__["log"] = self.text()
 
 
+# The process -------------------------------------------------------------------------
+
+
+def prepare() -> None:
+    """Make the process ready for its first piece of work; it stays so."""
+    if _holding:
+        return
+    _holding.append(own_kernel_cache())
+    import dask
+
+    # Lazy images are read here: by default a worker hands that to the scheduler and waits,
+    # with another piece of work in between.
+    dask.config.set(scheduler="synchronous")
+
+
 # Kernels -----------------------------------------------------------------------------
 
 
-def own_kernel_cache() -> None:
+def own_kernel_cache() -> IO[bytes]:
     """Give this process a cache for compiled kernels that no other process writes to.
 
     Two that write may take one name for two versions of a kernel. What the user's own cache
     holds is copied into a new one, which later workers take over.
+
+    Returns
+    -------
+    file
+        Holds the cache for as long as it is open.
     """
-    if _holding:
-        return
     given = os.environ.get("NUMBA_CACHE_DIR")
     base = Path(given) if given else user_cache() / "numba"
     number = 0
@@ -199,7 +217,6 @@ def own_kernel_cache() -> None:
         folder = base / "batch" / f"{socket.gethostname()}-{number}"
         lock = held(folder.with_suffix(".lock"))
         number += 1
-    _holding.append(lock)
     if given and not folder.exists():
         seeded = folder.with_name(f".{folder.name}.partial")
         shutil.rmtree(seeded, ignore_errors=True)
@@ -208,6 +225,7 @@ def own_kernel_cache() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return lock
 
 
 # Memory ------------------------------------------------------------------------------
