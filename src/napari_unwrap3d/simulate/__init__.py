@@ -6,14 +6,19 @@ the working grid (:mod:`.solids`) and imaged by a light-sheet microscope
 """
 
 from .cells import SimulatedCell, Truth, cell
+from .courses import Lifetimes, SignalLaw
 from .microscope import Microscope
-from .movies import FrameTruth, SimulatedMovie, movie
+from .movies import MOVIES, movie
+from .moving import FrameTruth, SimulatedMovie
 from .scenes import KINDS
 
 __all__ = [
     "KINDS",
+    "MOVIES",
     "FrameTruth",
+    "Lifetimes",
     "Microscope",
+    "SignalLaw",
     "SimulatedCell",
     "SimulatedMovie",
     "Truth",
