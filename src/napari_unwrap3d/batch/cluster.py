@@ -76,7 +76,7 @@ def local(crew: Crew, retries: int) -> Iterator[Client]:
             processes=True,
             host=LOOPBACK,
             memory_limit=int(crew.memory_bytes),
-            dashboard_address=None,
+            dashboard_address=f"{LOOPBACK}:0",
             silence_logs=logging.CRITICAL,
             preload=[NO_INTERRUPTS],
             scheduler_kwargs={"allowed_failures": retries},

@@ -7,6 +7,7 @@ for compiled kernels.
 from __future__ import annotations
 
 import contextlib
+import glob
 import logging
 import os
 import shutil
@@ -77,7 +78,7 @@ def run_piece(
     Unwrap3DError
         It could not be done. The error's notes hold the log, and ``stage`` says where.
     """
-    own_kernel_cache()
+    prepare()
     start = time.perf_counter()
     reset_peak()
     with Log() as log:
@@ -180,17 +181,35 @@ class Log(logging.Handler):
             error.__dict__["log"] = self.text()
 
 
+# The process -------------------------------------------------------------------------
+
+
+def prepare() -> None:
+    """Make the process ready for its first piece of work; it stays so."""
+    if _holding:
+        return
+    _holding.append(own_kernel_cache())
+    import dask
+
+    # Lazy images are read here: by default a worker hands that to the scheduler and waits,
+    # with another piece of work in between.
+    dask.config.set(scheduler="synchronous")
+
+
 # Kernels -----------------------------------------------------------------------------
 
 
-def own_kernel_cache() -> None:
+def own_kernel_cache() -> IO[bytes]:
     """Give this process a cache for compiled kernels that no other process writes to.
 
     Two that write may take one name for two versions of a kernel. What the user's own cache
-    holds is copied into a new one, which later workers take over.
+    holds is copied; later workers go on with the same one.
+
+    Returns
+    -------
+    file
+        Holds the cache for as long as it is open.
     """
-    if _holding:
-        return
     given = os.environ.get("NUMBA_CACHE_DIR")
     base = Path(given) if given else user_cache() / "numba"
     number = 0
@@ -199,15 +218,28 @@ def own_kernel_cache() -> None:
         folder = base / "batch" / f"{socket.gethostname()}-{number}"
         lock = held(folder.with_suffix(".lock"))
         number += 1
-    _holding.append(lock)
-    if given and not folder.exists():
-        seeded = folder.with_name(f".{folder.name}.partial")
-        shutil.rmtree(seeded, ignore_errors=True)
-        shutil.copytree(base, seeded, ignore=lambda path, names: {"batch"} & set(names))
-        seeded.rename(folder)
+    if given:
+        _take_over(base, folder)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return lock
+
+
+def _take_over(cache: Path, own: Path) -> None:
+    """Copy the kernels that one cache has and the other has not, or has of an earlier time."""
+    for index in cache.rglob("*.nbi"):
+        place = index.relative_to(cache)
+        target = own / place
+        if place.parts[0] == "batch":
+            continue
+        if target.exists() and target.stat().st_mtime >= index.stat().st_mtime:
+            continue
+        target.parent.mkdir(parents=True, exist_ok=True)
+        # An index names its versions by number: first those, then the index.
+        for version in index.parent.glob(f"{glob.escape(index.stem)}.*.nbc"):
+            shutil.copy2(version, target.with_name(version.name))
+        shutil.copy2(index, target)
 
 
 # Memory ------------------------------------------------------------------------------
