@@ -83,10 +83,10 @@ class MovieFolder:
 
     # The pieces --------------------------------------------------------------------
 
-    def registered(self, timepoint: int, key: str) -> Registered | None:
-        """Where a timepoint lies, if that was found for this key."""
+    def registered(self, timepoint: int, key: str | None = None) -> Registered | None:
+        """Where a timepoint lies, if that was found, for this key if one is given."""
         found = read_json(self._piece("registration", timepoint, ".json"))
-        if found is None or found.get("key") != key:
+        if found is None or key not in (None, found.get("key")):
             return None
         return Registered.from_plain(found)
 

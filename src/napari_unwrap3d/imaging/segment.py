@@ -8,14 +8,14 @@ import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
 
-from ..charts import Mask, Size3, Stack
+from ..charts import Mask, Size3, Stack, Volume
 from ..errors import InputError
 from ..geometry.rigid import Rigid
 from ..parameters import StackParameters
 from ..progress import Progress, silent
 from .deconvolve import chosen_psf, read_deconvolved
 from .enhance import Image
-from .resample import mask_to_working_grid, to_working_grid
+from .resample import covered, mask_to_working_grid, own_index, to_working_grid
 from .roi import chosen_volume, crop_box, cropped_mask, moved
 from .scan import (
     Box,
@@ -105,8 +105,14 @@ def segment(
     crop = crop_box(volume.shape, stack.voxel_size, chosen)
     if crop is None:
         return _cell(volume, stack.voxel_size, chosen, report_to, pose)
-    mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to, pose)
-    return moved(mask, crop, stack.voxel_size), _with_crop(report, crop)
+    if pose is None:
+        mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to)
+        return moved(mask, crop, stack.voxel_size), _with_crop(report, crop)
+    # First to where the crop lies in the stack, then to where that lies in the mask's world.
+    corner = np.array([side.start for side in crop]) * stack.voxel_size
+    there = pose @ Rigid(translation=corner)
+    mask, report = _cell(volume[crop], stack.voxel_size, chosen, report_to, there)
+    return mask, _with_crop(report, crop)
 
 
 def check_mask(
@@ -262,9 +268,10 @@ def _image(
     box, others = _coarse_boxes(volume.shape, voxel_size, edge, parameters, found, progress)
     while True:
         part = progress.part(0.4, 0.9)
-        cell, report = _segment_box(volume, voxel_size, edge, parameters, box, psf, part, pose)
+        cell, touched, report = _segment_box(
+            volume, voxel_size, edge, parameters, box, psf, part, pose
+        )
         on_border = sides_at_border(box, volume.shape)
-        touched = touched_sides(cell.data)
         cut = (touched > 0) & ~on_border
         if not cut.any():
             break
@@ -330,7 +337,8 @@ def _segment_box(
     psf: Image | None,
     progress: Progress,
     pose: Rigid | None,
-) -> tuple[Mask, dict[str, Any]]:
+) -> tuple[Mask, npt.NDArray[np.int64], dict[str, Any]]:
+    """The cell in a box, its voxels at the box's six sides (3, 2), and the report."""
     progress(0.0, "reading the cell")
     if psf is None:
         part = read_box(volume, voxel_size, box)
@@ -342,6 +350,10 @@ def _segment_box(
     mask, threshold = foreground(
         working.data, working.voxel_size, edge, parameters, progress.part(0.2, 0.6)
     )
+    turned = pose if pose is not None and pose.turns else None
+    if turned is not None:
+        # Nothing is known of the corners around a rotated box.
+        mask &= progress.run(covered, working, part, turned)
     check_not_trivial(mask, THRESHOLD_HINT)
     progress(0.6, "components")
     cell, report = progress.run(largest_component, mask, edge**3, parameters.second_cell_fraction)
@@ -354,10 +366,22 @@ def _segment_box(
     report["threshold"] = threshold
     if psf is not None:
         report |= {"deconvolution": parameters.deconvolution, "psf_voxels": list(psf.shape)}
-    return Mask(cell, working.voxel_size, working.origin), report
+    found = Mask(cell, working.voxel_size, working.origin)
+    touched = touched_sides(cell) if turned is None else _at_sides(found, part, turned)
+    return found, touched, report
 
 
 # Parts -------------------------------------------------------------------------
+
+
+def _at_sides(cell: Mask, part: Volume, pose: Rigid) -> npt.NDArray[np.int64]:
+    """Voxels (3, 2) of a cell within a voxel of each side of the rotated box it was found in."""
+    counts = np.zeros((3, 2), np.int64)
+    for axis, (length, size) in enumerate(zip(part.shape, part.voxel_size, strict=True)):
+        place = own_index(cell, part, pose, axis)[cell.data]
+        thickness = cell.voxel_size[0] / size
+        counts[axis] = (place < thickness).sum(), (length - 1 - place < thickness).sum()
+    return counts
 
 
 def _looks_like_labels(volume: Any) -> bool:

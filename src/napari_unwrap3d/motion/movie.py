@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from ..annotations import State
 
 FRAMES_IN_MEMORY = 4
+COMPARED = ("residual_before", "residual", "corresponding")
 CHECKED = (
     "area_um2",
     "volume_um3",
@@ -246,8 +247,32 @@ class Movie:
     # Tables ------------------------------------------------------------------------
 
     def registration_table(self) -> pd.DataFrame:
-        """A row per timepoint: shift, angle and residual of the registration."""
-        raise NotImplementedError
+        """A row per timepoint: how the cell has moved, and how well it was moved back.
+
+        Returns
+        -------
+        DataFrame
+            ``timepoint``, ``time_s``; ``shift_z_um``, ``shift_y_um``, ``shift_x_um`` and
+            ``shift_um`` of the cell's middle since the first timepoint, and ``angle_deg`` by
+            which the cell has turned; ``residual_before`` and ``residual``: 1 − correlation with
+            the first timepoint, as recorded and registered, where the two correspond; and
+            ``corresponding``, the part of the places in and around the cell that do. Of every
+            channel that was registered, ``shift_z_um_0``, … ``angle_deg_0`` with its name or
+            number. NaN where nothing was registered.
+        """
+        import pandas as pd
+
+        rows = []
+        for timepoint, time_s in enumerate(self.times_s):
+            found = self.folder.registered(timepoint)
+            numbers = {} if found is None else found.numbers
+            row = {"timepoint": timepoint, "time_s": time_s, **_moved(numbers)}
+            row |= {name: numbers.get(name, np.nan) for name in COMPARED}
+            for channel, own in numbers.get("channels", {}).items():
+                name = self.channels[int(channel)]
+                row |= {f"{key}_{name}": value for key, value in _moved(own).items()}
+            rows.append(row)
+        return pd.DataFrame(rows)
 
     def check_table(self) -> pd.DataFrame:
         """A row per timepoint: what its surface measures, and what of it leaves the shell.
@@ -359,6 +384,18 @@ def unwrap_movie(
         movie._owning()
     run_stages(work, progress, until="common")
     return movie
+
+
+def _moved(numbers: Mapping[str, Any]) -> dict[str, float]:
+    """The columns of a motion in a table."""
+    z, y, x = numbers.get("shift_um", (np.nan,) * 3)
+    return {
+        "shift_z_um": z,
+        "shift_y_um": y,
+        "shift_x_um": x,
+        "shift_um": float(np.linalg.norm((z, y, x))),
+        "angle_deg": numbers.get("angle_deg", np.nan),
+    }
 
 
 def _temporary_folder() -> Path:

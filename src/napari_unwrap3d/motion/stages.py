@@ -13,16 +13,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-import numpy as np
-
 from ..annotations.state import State, moved
 from ..atlas import Atlas
-from ..charts import Mask, Stack, Surface, TemporalMask, Volume
+from ..charts import Mask, Stack, Surface, TemporalMask
 from ..errors import InputError, NoMeanError
 from ..files.movie import MovieFolder
 from ..files.project import load_project, save_project
-from ..imaging.register import Registered, register
-from ..imaging.roi import chosen_volume
+from ..imaging.register import Registered
 from ..parameters import Parameters
 from ..pipeline import STEP_VERSION, Pipeline
 from ..progress import Progress, silent
@@ -31,6 +28,7 @@ from ..unwrapping.solid import closed_mesh, mask_of_mesh
 from .common import MEAN, TIMEPOINT, Recommendation, recommend
 from .frames import CommonSpace, frame_of
 from .outlines import MeanOutline, moved_surface, outline
+from .registering import SEEN_BY_REGISTRATION, register_channels, register_timepoint, unmoved
 from .timelapse import Timelapse
 
 Stage = Literal["register", "segment", "common", "frame"]
@@ -235,25 +233,18 @@ class MovieWork:
         return min(segmented, key=lambda timepoint: abs(timepoint - which))
 
     def _register(self, timepoint: int, progress: Progress) -> Registered:
-        if self.parameters.registration.method == "none" or timepoint == 0:
-            return Registered()
-        first, this = (self._outline_volume(t) for t in (0, timepoint))
-        if first is None or this is None:
-            return Registered()
-        pose, numbers = register(first, this, self.parameters.registration, progress)
-        return Registered(pose, {}, numbers)
-
-    def _outline_volume(self, timepoint: int) -> Volume | None:
-        """The intensities that are registered, or the mask; None of a mesh."""
-        source = self.lapse.at(timepoint)
-        if isinstance(source, Surface):
-            return None
-        if isinstance(source, Mask):
-            return Volume(source.data.astype(np.float32), source.voxel_size, source.origin)
-        data = np.asarray(chosen_volume(source, 0, self.parameters.stack.channel))
-        if self.parameters.stack.label is not None:
-            data = (data == self.parameters.stack.label).astype(np.float32)
-        return Volume(data, source.voxel_size)
+        chosen = self.parameters.registration
+        this = self.lapse.at(timepoint)
+        registered = unmoved(chosen)
+        if chosen.method != "none" and timepoint > 0:
+            first, part = self.lapse.at(0), progress.part(0.0, 0.7)
+            registered = register_timepoint(first, this, self.working_parameters, part)
+        if not (chosen.channels and isinstance(this, Stack)):
+            return registered
+        if chosen.channel_timepoints == "first" and timepoint > 0:
+            return registered.with_channels_of(self.registered(0))
+        part = progress.part(0.7, 1.0)
+        return register_channels(this, registered, self.working_parameters, part)
 
     # Keys --------------------------------------------------------------------------
 
@@ -266,8 +257,8 @@ class MovieWork:
     def registration_key(self, timepoint: int) -> str:
         registration = self.parameters.registration.model_dump_json()
         sources = [self.source_key(t) for t in (0, timepoint)]
-        shown = (self.parameters.stack.channel, self.parameters.stack.label)
-        return self._key("register", registration, shown, sources)
+        seen = self.working_parameters.stack.model_dump_json(include=SEEN_BY_REGISTRATION)
+        return self._key("register", registration, seen, sources)
 
     def mask_key(self, timepoint: int) -> str:
         stack = self.working_parameters.stack.model_dump_json(exclude={"timepoint"})

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Literal
 
-from .base import StepParameters, setting
+from .base import Positive, StepParameters, setting
 
 BLEBS = "Methods, 3D timelapse lightsheet imaging and analysis of blebs"
 RUFFLES = "Methods, 3D timelapse lightsheet imaging and analysis of ruffles"
@@ -23,8 +23,24 @@ class RegistrationParameters(StepParameters):
     channels: bool = setting(
         False,
         "Register channels",
-        "Also move every other channel onto the one that shows the outline.",
+        "Also move every other channel onto the one that shows the outline (shift it, and rotate "
+        "it where the method is rigid).",
         source=RUFFLES,
+    )
+    channel_timepoints: Literal["first", "each"] = setting(
+        "first",
+        "Channels registered at",
+        "first: the channels lie to each other as at the first timepoint, as they do where optics "
+        "and cameras shift them; each: they are registered at every timepoint.",
+        source=RUFFLES,
+    )
+    blur_um: Positive | None = setting(
+        None,
+        "Blur",
+        "Standard deviation of the blur at which two images are compared, the same along all "
+        "axes. Empty: a little more than the longest edge of a voxel. More where the images are "
+        "noisy.",
+        unit="µm",
     )
 
 
