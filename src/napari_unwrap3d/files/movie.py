@@ -152,7 +152,7 @@ class MovieFolder:
 
     def failure(self, timepoint: int) -> dict[str, Any] | None:
         """Why a timepoint could not be made: ``stage`` and ``reason``; None if it could."""
-        return _read_json(self._piece("failures", timepoint, ".json"))
+        return read_json(self._piece("failures", timepoint, ".json"))
 
     def keep_failure(self, timepoint: int, stage: str, reason: str) -> None:
         """Note that a timepoint could not be made: it is left out of the movie, and so is a frame

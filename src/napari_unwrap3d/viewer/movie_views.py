@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import weakref
 from collections.abc import Iterator
 from functools import partial
@@ -11,7 +12,6 @@ from qtpy.QtCore import QEvent, QObject
 
 from ..motion.frame_fields import FrameFields, MovieColours
 from ..motion.movie import Movie
-from .drawing_state import begin_afresh
 from .movie_annotations import MovieAnnotations
 from .threads import Task, tell
 
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from .movie_session import MovieSession
     from .project import Opened
     from .time_axis import TimeAxis
+
+logger = logging.getLogger(__name__)
 
 CLOSE_SECONDS = 5.0
 # The layer of what the common space was made from.
@@ -48,6 +50,7 @@ class MovieViews(QObject):
         self.annotations: MovieAnnotations | None = None
         self._atlas: Atlas | None = None
         self._axes: list[TimeAxis] = []
+        self._held: list[Any] = []
         session.movie_changed.connect(self._on_movie)
         session.frame_changed.connect(self._on_frame)
         session.made_changed.connect(self._on_made)
@@ -118,6 +121,7 @@ class MovieViews(QObject):
         from .annotating import annotating_of
         from .canvas import canvas_of
         from .movie_layers import MovieLayers
+        from .project import autosave_of
         from .session import session_of
         from .time_axis import TimeAxis
         from .timeline import open_timeline
@@ -130,10 +134,9 @@ class MovieViews(QObject):
         self._atlas = atlas
         self._axes = [TimeAxis(model, self._session) for model in (viewer, canvas.model)]
         open_timeline(viewer)
-        begin_afresh(viewer.window._qt_viewer)
         yield
         autosave = autosave_of(viewer)
-        self.annotations = MovieAnnotations(self._session, opened.atlas.annotations, autosave, self)
+        self.annotations = MovieAnnotations(self._session, atlas.annotations, autosave, self)
         if self._session.shown is not None:
             self.annotations.show(self._session.timepoint)
         self.layers = MovieLayers(viewer, canvas, annotating, self.colours, self)
@@ -146,8 +149,23 @@ class MovieViews(QObject):
             yield from self._begin()
 
     def _begin(self) -> Iterator[None]:
-        if self.layers is not None and self._session.shown is not None:
-            yield from self.layers.begin(self._session.shown)
+        layers = self.layers
+        if layers is not None and self._session.shown is not None:
+            yield from layers.begin(self._session.shown)
+            self._hold(layers)
+
+    def _hold(self, layers: MovieLayers) -> None:
+        """Let what draws the surface live as long as the window, also when the layer is gone.
+
+        Without a graphics card Mesa ends the process when the program of a textured layer is
+        deleted and another layer is given a new texture.
+        """
+        viewer = self._viewer()
+        try:
+            assert viewer is not None
+            self._held.append(viewer.window._qt_viewer.canvas.layer_to_visual[layers.layer])
+        except (AttributeError, KeyError):
+            logger.warning("napari keeps what draws a layer elsewhere.")
 
     def _fields(self, atlas: Atlas, stack: Stack | None) -> Fields:
         """What the views can be coloured by."""
@@ -216,6 +234,7 @@ class MovieViews(QObject):
         """The window closes: leave no thread."""
         if event.type() == QEvent.Type.Close:
             self._leave()
+            self._held.clear()
             if self._opening is not None:
                 self._opening.wait(CLOSE_SECONDS)
         return super().eventFilter(watched, event)
