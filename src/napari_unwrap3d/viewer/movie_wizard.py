@@ -179,9 +179,11 @@ class MoviePanel(QWidget):
             self.save(name)
 
     def _on_batch(self) -> None:
+        # The options of a batch bring libraries of their own.
         from .batch_dialog import BatchDialog
 
-        dialog = BatchDialog(self.run.parameters, self.viewer.window._qt_window)
+        dialog = BatchDialog(self.run.parameters, self)
+        dialog.setAttribute(Qt.WidgetAttribute.WA_DeleteOnClose)
         dialog.show()
 
     # What the run says -------------------------------------------------------
