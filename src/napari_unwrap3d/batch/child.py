@@ -140,7 +140,8 @@ def main(path: str) -> int:
 
     def send(message: dict[str, Any]) -> None:
         with lock:
-            print(json.dumps(message), flush=True)
+            sys.stdout.write(json.dumps(message) + "\n")
+            sys.stdout.flush()
 
     last = [0.0]
 

@@ -139,6 +139,14 @@ class Movie:
         restore_timed(self.folder, atlas)
         return atlas
 
+    def has_common(self, atlas: Atlas | None) -> bool:
+        """Whether an atlas is the one of its common space; nothing is read for it."""
+        return atlas is not None and self.__dict__.get("common") is atlas
+
+    def use_common(self, atlas: Atlas) -> None:
+        """Take an atlas that was read from its folder already: what is drawn on it is its own."""
+        self.__dict__["common"] = atlas
+
     @property
     def record(self) -> dict[str, Any]:
         """How the common space was chosen: ``method``, ``timepoint``, ``recommendation``."""

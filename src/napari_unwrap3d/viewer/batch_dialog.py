@@ -64,7 +64,7 @@ class BatchDialog(QDialog):
         self._connect()
         self._on_changed()
         if parent is not None:
-            parent.installEventFilter(self)
+            parent.window().installEventFilter(self)
 
     # Building ----------------------------------------------------------------
 

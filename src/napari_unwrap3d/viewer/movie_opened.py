@@ -51,7 +51,7 @@ def read_movie(movie: Movie, origin: Size3 | None = None) -> OpenedMovie:
         )
     space = read_opened(movie.folder.common_path, None, parameters, origin)
     # One atlas for all: what is drawn on it, and what is computed of it, is the movie's.
-    movie.__dict__["common"] = space.atlas
+    movie.use_common(space.atlas)
     data, attributes, kind = space.source_layer
     attributes = {**attributes, "name": SPACE_NAME, "metadata": {SPACE_LAYER: True}}
     return OpenedMovie(movie, replace(space, source_layer=(data, attributes, kind)))

@@ -110,7 +110,7 @@ def saving_movie(run: MovieRun, viewer: Any, path: Path) -> Callable[[Progress],
     atlas: Atlas | None = run.session.atlas
     assert movie is not None
     keep_space = None
-    if atlas is not None and movie.__dict__.get("common") is atlas:
+    if atlas is not None and movie.has_common(atlas):
         annotated = atlas.annotated
         keep_space = partial(
             save_project,

@@ -75,7 +75,7 @@ class MovieViews(QObject):
 
         viewer = self._viewer()
         atlas = None if viewer is None else session_of(viewer).atlas
-        if atlas is None or movie.__dict__.get("common") is not atlas:
+        if atlas is None or not movie.has_common(atlas):
             return False
         session_of(viewer).turns.add(self._show_movie(viewer, atlas))
         return True
