@@ -79,9 +79,9 @@ def _add_line(movie: argparse.ArgumentParser) -> None:
     line = movie.add_argument_group("kymograph")
     line.add_argument(
         "--line",
-        metavar="'V,U V,U ...'",
-        help="corners of a line in the uv image, in pixels; beyond the image they continue over "
-        "seam and poles",
+        metavar="V,U:V,U",
+        help="corners of a line in the uv image, in pixels, e.g. 64,10:80,120; beyond the image "
+        "they continue over seam and poles (--line=-6,40:20,40)",
     )
     line.add_argument(
         "--width", type=float, default=0.0, metavar="UM", help="mean over this width in µm"
@@ -189,7 +189,7 @@ def _kymograph(movie: Movie, arguments: argparse.Namespace, progress: Progress) 
         return None
     return kymograph(
         movie,
-        [_corner(text) for text in arguments.line.split()],
+        [_corner(text) for text in arguments.line.split(":")],
         arguments.field,
         arguments.width,
         between="great circle" if arguments.great_circles else "straight",
@@ -202,7 +202,7 @@ def _corner(text: str) -> tuple[float, float]:
         v, u = (float(part) for part in text.split(","))
     except ValueError:
         raise ParameterError(
-            f"{text!r} is no corner of a line.", hint="Write v,u in pixels: --line '64,10 80,120'."
+            f"{text!r} is no corner of a line.", hint="Write v,u in pixels: --line 64,10:80,120."
         ) from None
     return v, u
 

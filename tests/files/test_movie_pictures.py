@@ -16,7 +16,6 @@ from napari_unwrap3d.cli import main
 from napari_unwrap3d.errors import InputError, ParameterError
 from napari_unwrap3d.files.movie_export import write_frames
 from napari_unwrap3d.files.movie_files import export_movie, write_kymograph, write_uv_stack
-from napari_unwrap3d.files.movie_panels import broken_at_seam
 from napari_unwrap3d.files.movie_pictures import chosen_views, common_scales, movie_pictures
 from napari_unwrap3d.files.stacks import read_stack
 from napari_unwrap3d.files.stacks import write_image as write_stack
@@ -111,12 +110,6 @@ def test_views_need_what_they_show(breathing: Any) -> None:
         common_scales(breathing, limits=(1.0, 1.0))
 
 
-def test_a_line_is_broken_at_the_seam() -> None:
-    points = np.array([[5.0, 60.0], [5.0, 63.0], [5.0, 1.0], [5.0, 3.0]])
-    found = broken_at_seam(points, 32)
-    assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False]
-
-
 # Files -------------------------------------------------------------------------------
 
 
@@ -182,7 +175,7 @@ def test_the_command_makes_an_mp4_and_an_export(
     assert read_stack(stack).time_step == TIME_STEP_S
     mp4, folder = tmp_path / "movie.mp4", tmp_path / "files"
     arguments = ["movie", str(breathing.folder.path), "-o", str(mp4), "--export", str(folder)]
-    line = ["--line", "-6,40 20,40", "--width", "0.3", "--field", "height_um"]
+    line = ["--line=-6,40:20,40", "--width", "0.3", "--field", "height_um"]
     projection = ["--stack", str(stack), "--channel", "1", "--reach", "0.3"]
     assert main([*arguments, *line, *projection, "--fps", "5"]) == 0
     assert str(mp4.name) in capsys.readouterr().out.replace("\n", "")

@@ -12,6 +12,7 @@ import pytest
 from napari_unwrap3d.errors import AxesError, InputError, ParameterError
 from napari_unwrap3d.motion.kymograph import (
     along_line,
+    broken_at_seam,
     kymograph,
     line_on_surface,
     pixel_um,
@@ -241,3 +242,9 @@ def test_labels_have_units() -> None:
     assert field_label("height_um") == "Height d (µm)"
     assert field_label("mean_curvature_per_um") == "Mean curvature (1/µm)"
     assert field_label("signal_actin") == "Signal actin"
+
+
+def test_a_line_is_broken_at_the_seam() -> None:
+    points = np.array([[5.0, 60.0], [5.0, 63.0], [5.0, 1.0], [5.0, 3.0]])
+    found = broken_at_seam(points, 32)
+    assert np.isnan(found[:, 0]).tolist() == [False, False, True, False, False]

@@ -12,7 +12,7 @@ import tifffile
 
 from ..errors import FileFormatError
 from ..motion.kymograph import Kymograph
-from ..motion.uv_stacks import check_field, made_frames
+from ..motion.uv_stacks import check_field, field_names, made_frames
 from ..progress import Progress, silent
 from .atomic import replacing
 from .drawing import Colours, colour_bar, new_figure, save_figure
@@ -68,7 +68,7 @@ def export_movie(
         The folder is not empty and `overwrite` is False.
     """
     report = progress or silent()
-    chosen = movie.fields if fields is None else tuple(fields)
+    chosen = field_names(movie) if fields is None else tuple(fields)
     for name in chosen:
         check_field(movie, name)
     check_folder(folder, overwrite)

@@ -8,10 +8,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from ..charts import Floats, Frame
-from ..motion.kymograph import Kymograph, SurfaceLine, line_on_surface
+from ..motion.kymograph import Kymograph, SurfaceLine, broken_at_seam, line_on_surface
 from ..motion.projections import Projections
 from ..unwrapping.uv_views import Pole, polar_to_pixel, to_polar, uv_to_polar
 from .drawing import INK, Colours, Extent, round_length, scale_bar, uv_axes, uv_panel
@@ -203,12 +202,6 @@ def draw_kymograph(axes: Axes, found: Kymograph, colours: Colours) -> None:
     axes.tick_params(labelsize=9)
     width = f", mean over {found.line.width_um:g} µm" if found.line.width_um else ""
     axes.set_title(f"kymograph{width}", fontsize=12, color=INK)
-
-
-def broken_at_seam(points: npt.NDArray[Any], rows: int) -> Floats:
-    """(v, u) of a line with NaN between neighbours on different sides of seam or pole."""
-    jump = np.flatnonzero(np.abs(np.diff(points[:, 1])) > rows / 2)
-    return np.insert(np.asarray(points, np.float64), jump + 1, np.nan, axis=0)
 
 
 def polar_grid(axes: Axes, size: int, pole: Pole) -> None:

@@ -154,6 +154,13 @@ def _dense(corners: Floats) -> Floats:
     return np.concatenate(parts)
 
 
+def broken_at_seam(points: npt.ArrayLike, rows: int) -> Floats:
+    """(v, u) of a line (n, 2) with NaN between neighbours on different sides of seam or pole."""
+    given = np.asarray(points, np.float64)
+    jump = np.flatnonzero(np.abs(np.diff(given[:, 1])) > rows / 2)
+    return np.insert(given, jump + 1, np.nan, axis=0)
+
+
 # On the surface ------------------------------------------------------------------------
 
 

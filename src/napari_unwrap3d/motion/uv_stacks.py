@@ -33,12 +33,19 @@ def field_label(name: str) -> str:
     return f"{title} ({unit})" if unit else title
 
 
+def field_names(movie: Movie) -> tuple[str, ...]:
+    """The fields that the first frame has which is there, or is made now; none without any."""
+    first = next((t for t in range(len(movie)) if movie.has_frame(t)), None)
+    if first is None:
+        return movie.fields if movie.work is not None else ()
+    return tuple(movie.frame(first).uv)
+
+
 def check_field(movie: Movie, name: str) -> None:
     """Raise :class:`ParameterError` unless the movie has a field."""
-    if name not in movie.fields:
-        raise ParameterError(
-            f"There is no field {name!r}.", hint=f"Fields: {', '.join(movie.fields)}."
-        )
+    names = field_names(movie)
+    if name not in names:
+        raise ParameterError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(names)}.")
 
 
 def made_frames(
@@ -68,9 +75,12 @@ class UvStacks:
     ----------
     images : dict of str to ndarray, (T, N, 2N) float32
         Mapped into memory: what is not used stays on the disk. NaN where a frame is missing.
+    missing : frozenset of int
+        The timepoints whose frames were not there.
     """
 
     images: dict[str, Images]
+    missing: frozenset[int] = frozenset()
 
     @classmethod
     def of(
@@ -92,10 +102,13 @@ class UvStacks:
             check_field(movie, name)
         shape = (len(movie), *movie.common.uv.shape)
         images = {name: _mapped(shape) for name in dict.fromkeys(names)}
+        missing = set()
         for timepoint, frame in made_frames(movie, progress, make=make):
             for name, stack in images.items():
                 stack[timepoint] = np.nan if frame is None else frame.uv[name]
-        return cls(images)
+            if frame is None:
+                missing.add(timepoint)
+        return cls(images, frozenset(missing))
 
 
 def _mapped(shape: tuple[int, ...]) -> Images:

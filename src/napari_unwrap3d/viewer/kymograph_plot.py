@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from qtpy.QtCore import Signal
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QSizePolicy, QWidget
 
 from .step_plots import CHOSEN, FONT, Plot
@@ -57,6 +58,13 @@ class KymographPlot(Plot):
         self._time_s = time_s
         if self._now is not None:
             self._now.set_ydata([time_s, time_s])
+            if self.isVisible():
+                self.canvas.draw_idle()
+
+    def showEvent(self, event: QShowEvent) -> None:
+        """Draw what changed while nobody saw it."""
+        super().showEvent(event)
+        if self.canvas is not None:
             self.canvas.draw_idle()
 
     def _on_canvas(self) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import Qt
+from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import (
     QComboBox,
     QDoubleSpinBox,
@@ -13,13 +13,14 @@ from qtpy.QtWidgets import (
     QFormLayout,
     QHBoxLayout,
     QLabel,
+    QMainWindow,
     QPushButton,
     QVBoxLayout,
 )
 
 from ..charts import Floats
 from ..errors import InputError, Unwrap3DError
-from ..motion.kymograph import BETWEEN, Kymograph, kymograph, line_on_surface
+from ..motion.kymograph import BETWEEN, Kymograph, broken_at_seam, kymograph, line_on_surface
 from ..motion.kymograph import surface_line as measured
 from ..motion.uv_stacks import UvStacks, field_label
 from .canvas import open_canvas
@@ -77,6 +78,7 @@ class KymographDock(Docked):
         self._wait = soon(self, self._compute)
         self._connect()
         self._on_movie(self.session.movie)
+        viewer.window._qt_window.installEventFilter(self)
         end_with_dock(self)
 
     # Building ------------------------------------------------------------------
@@ -129,28 +131,42 @@ class KymographDock(Docked):
         self.plot.chosen.connect(self.session.set_timepoint)
         self.session.movie_changed.connect(self._on_movie)
         self.session.frame_changed.connect(self._on_frame)
-        # The layers go with the dock.
+        # The layers go with the dock; those of a window that closes are napari's to remove.
         self.destroyed.connect(self.lines.close)
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The window closes: leave its layers alone."""
+        if event.type() == QEvent.Type.Close and isinstance(watched, QMainWindow):
+            self.lines.forget()
+        return super().eventFilter(watched, event)
 
     # The movie --------------------------------------------------------------------
 
     def _on_movie(self, movie: Movie | None) -> None:
         self._stacks, self.found = None, None
-        self.field_box.blockSignals(True)
         self.field_box.clear()
-        if movie is not None and movie.has_frame(0):
-            for name in movie.fields:
-                self.field_box.addItem(field_label(name), name)
-            colouring = self._colouring()
-            shown = -1 if colouring is None else self.field_box.findData(colouring.field)
-            self.field_box.setCurrentIndex(max(shown, 0))
-        self.field_box.blockSignals(False)
         self.plot.hide()
+        if movie is not None and self.session.frame is not None:
+            self._list_fields(self.session.frame)
         self._later()
 
+    def _list_fields(self, frame: Frame) -> None:
+        """Offer the fields of the movie's frames; first the one that the views show."""
+        for name in frame.uv:
+            self.field_box.addItem(field_label(name), name)
+        colouring = self._colouring()
+        shown = -1 if colouring is None else self.field_box.findData(colouring.field)
+        self.field_box.setCurrentIndex(max(shown, 0))
+
     def _on_frame(self, frame: Frame) -> None:
+        if not self.field_box.count():
+            self._list_fields(frame)
         self.plot.show_time(frame.time_s)
         self._show_in_space()
+        if self._stacks is not None and frame.timepoint in self._stacks[2].missing:
+            # It was made since the movie was read.
+            self._stacks = None
+            self._later()
 
     def _colouring(self) -> Any:
         viewer = self.session.viewer
@@ -180,6 +196,7 @@ class KymographDock(Docked):
         self.export_button.setEnabled(False)
         if movie is None or corners is None or not field:
             self.found = None
+            self.lines.show_in_image(None)
             self.lines.show_in_space(None)
             self.plot.hide()
             self.status.setText(HELP if movie is not None else "There is no movie.")
@@ -210,9 +227,10 @@ class KymographDock(Docked):
         if movie is self.session.movie:
             self._stacks = (movie, found.field, stacks)
             self.found = found
-            self._recolour()
-            self._show_in_space()
             line = found.line
+            self._recolour()
+            self.lines.show_in_image(broken_at_seam(line.points, movie.common.uv.shape[0]))
+            self._show_in_space()
             self.status.setText(
                 f"{line.length_um:.2f} µm in {len(line.points)} steps of {line.step_um:.3f} µm, "
                 f"{len(found.times_s)} timepoints."

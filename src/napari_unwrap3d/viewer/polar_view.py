@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QButtonGroup, QHBoxLayout, QSizePolicy, QVBoxLayout, QWidget
 
 from ..motion.uv_stacks import field_label
@@ -135,7 +136,6 @@ class PolarDock(Docked):
             self.colouring.changed,
         ):
             signal.connect(self._start)
-        self._update()
         end_with_dock(self)
 
     def show_pole(self, pole: Pole) -> None:
@@ -152,14 +152,24 @@ class PolarDock(Docked):
             return frame.uv[self.colouring.field]
         return self.colouring.values("uv")
 
+    def showEvent(self, event: QShowEvent) -> None:
+        """Show what changed while nobody saw it."""
+        super().showEvent(event)
+        self._later.start()
+
     def _start(self, _: Any = None) -> None:
         self._later.start()
 
     def _update(self) -> None:
+        if not self.isVisible():
+            return
         image = self.image
         if image is None:
             self.plot.hide()
             return
         field = self.colouring.field
+        fields = self.colouring.fields
+        known = fields is not None and field in fields.names
+        title = fields.field(field).label if fields is not None and known else field_label(field)
         colours = shown_colours(self.colouring, field, image)
-        self.plot.show_image(image, self.pole, f"{field_label(field)}, (r, φ)", colours)
+        self.plot.show_image(image, self.pole, f"{title}, (r, φ)", colours)

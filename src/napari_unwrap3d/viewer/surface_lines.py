@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from napari.layers import Shapes
+from napari.layers import Shapes, Vectors
 from qtpy.QtCore import QObject
 
 from ..charts import Floats
@@ -16,15 +16,16 @@ from .layers import IMAGE, KEY, SPACE, UNIT
 from .placing import chart_of
 from .turns import soon
 
-NAME = "kymograph line"
+NAME, WAY = "kymograph line", "kymograph line: its way"
 COLOUR = "#ffeb3b"
 KINDS = ("path", "line")
 # Of the image's height, and of the cell's size.
 WIDTH_2D, WIDTH_3D = 1 / 90, 1 / 90
+MINIMUM_UM = 0.1
 
 
 class LineLayers:
-    """One line, as a shape in the uv image and as paths in space.
+    """One line, as a shape in the uv image and as segments in space.
 
     Parameters
     ----------
@@ -38,7 +39,8 @@ class LineLayers:
     def __init__(self, viewer: Any, parent: QObject, moved: Callable[[], object]) -> None:
         self._viewer = weakref.ref(viewer)
         self._drawn: Shapes | None = None
-        self._in_space: Shapes | None = None
+        self._along: Shapes | None = None
+        self._in_space: Vectors | None = None
         self._finished = soon(parent, self._keep_newest)
         self._moved = soon(parent, moved)
 
@@ -79,14 +81,9 @@ class LineLayers:
 
     def _make(self, canvas: UnwrappedCanvas, rows: int) -> None:
         self._forget_drawn()
-        layer = self._drawn = Shapes(
-            ndim=2,
-            name=NAME,
-            edge_width=rows * WIDTH_2D,
-            edge_color=COLOUR,
-            axis_labels=IMAGE,
-            metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
-        )
+        self._along = _layer(WAY, rows * WIDTH_2D / 2)
+        layer = self._drawn = _layer(NAME, rows * WIDTH_2D)
+        canvas.add_chart_layer(self._along, "uv")
         layer.events.data.connect(self._on_data)
         # While a corner is dragged there is no other event.
         layer.events.set_data.connect(self._on_drawn)
@@ -108,6 +105,22 @@ class LineLayers:
             layer.remove_selected()
         self._moved.start()
 
+    # The way that is measured --------------------------------------------------------
+
+    def show_in_image(self, places: Floats | None) -> None:
+        """Show in the uv image which way the line takes, over the seam and on great circles.
+
+        Parameters
+        ----------
+        places : ndarray, (n, 2), optional
+            (v, u) in pixels; NaN breaks the line. None takes it away.
+        """
+        if self._along is not None:
+            self._along.data = []
+            pieces = [] if places is None else finite_pieces(places)
+            if pieces:
+                self._along.add(pieces, shape_type="path", edge_color=COLOUR)
+
     # In space ----------------------------------------------------------------------------
 
     def show_in_space(self, places: Floats | None) -> None:
@@ -121,30 +134,30 @@ class LineLayers:
         viewer = self._viewer()
         if viewer is None:
             return
-        pieces = [] if places is None else finite_pieces(places)
+        segments = np.zeros((0, 2, 3)) if places is None else segments_of(places)
         layer = self._in_space
-        if layer is not None and layer not in viewer.layers:
-            layer = self._in_space = None
-        if not pieces:
-            if layer is not None:
-                layer.data = []
-            return
-        width = float(np.ptp(np.concatenate(pieces), axis=0).max()) * WIDTH_3D
-        if layer is None:
+        if layer is not None and layer in viewer.layers:
+            layer.data = segments
+        elif len(segments):
             surface = [other for other in viewer.layers if chart_of(other) == "surface"]
             active = viewer.layers.selection.active
-            layer = self._in_space = Shapes(
-                ndim=3,
+            size = float(np.ptp(segments[:, 0], axis=0).max())
+            # A path of a Shapes layer takes a tenth of a second to move.
+            self._in_space = Vectors(
+                segments,
                 name=NAME,
+                edge_width=max(size, MINIMUM_UM) * WIDTH_3D,
+                length=1,
+                edge_color=COLOUR,
+                vector_style="line",
+                opacity=1.0,
                 translate=surface[0].translate if surface else (0.0, 0.0, 0.0),
                 units=(UNIT,) * 3,
                 axis_labels=SPACE,
                 metadata={KEY: {"layer": NAME, "chart": "", "field": ""}},
             )
-            viewer.add_layer(layer)
+            viewer.add_layer(self._in_space)
             viewer.layers.selection.active = active
-        layer.data = []
-        layer.add(pieces, shape_type="path", edge_width=width, edge_color=COLOUR)
 
     # The end ----------------------------------------------------------------------------
 
@@ -154,15 +167,21 @@ class LineLayers:
             self._drawn.events.set_data.disconnect(self._on_drawn)
             self._drawn = None
 
-    def close(self) -> None:
-        """Take both layers away."""
-        viewer, drawn = self._viewer(), self._drawn
+    def forget(self) -> None:
+        """Let go of the layers where they are."""
         self._forget_drawn()
+        self._in_space = self._along = None
+
+    def close(self) -> None:
+        """Take the layers away."""
+        viewer = self._viewer()
         canvas = None if viewer is None else open_canvas(viewer)
-        for model, layer in ((canvas and canvas.model, drawn), (viewer, self._in_space)):
+        second = None if canvas is None else canvas.model
+        layers = (second, self._drawn), (second, self._along), (viewer, self._in_space)
+        self.forget()
+        for model, layer in layers:
             if model is not None and layer is not None and layer in model.layers:
                 model.layers.remove(layer)
-        self._in_space = None
 
 
 def finite_pieces(places: Floats) -> list[Floats]:
@@ -170,3 +189,22 @@ def finite_pieces(places: Floats) -> list[Floats]:
     good = np.isfinite(places).all(axis=1)
     edges = np.flatnonzero(np.diff(np.concatenate([[False], good, [False]])))
     return [places[start:stop] for start, stop in edges.reshape(-1, 2) if stop - start > 1]
+
+
+def segments_of(places: Floats) -> Floats:
+    """The parts of a line (n, 3) as (m, 2, 3): where each begins, and the way to its end."""
+    ways = np.diff(places, axis=0)
+    segments = np.stack([places[:-1], ways], axis=1)
+    return segments[np.isfinite(ways).all(axis=1)]
+
+
+def _layer(name: str, width: float) -> Shapes:
+    return Shapes(
+        ndim=2,
+        name=name,
+        edge_width=width,
+        edge_color=COLOUR,
+        opacity=1.0,
+        axis_labels=IMAGE,
+        metadata={KEY: {"layer": name, "chart": "", "field": ""}},
+    )
