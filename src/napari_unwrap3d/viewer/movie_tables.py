@@ -43,14 +43,9 @@ class Tables:
     def of(cls, movie: Movie) -> Tables:
         """Read everything; takes long where there are many timepoints."""
         record = movie.record
-        check = movie.check_table()
-        try:
-            registration = movie.registration_table()
-        except NotImplementedError:
-            registration = check[["timepoint"]]
         return cls(
-            registration,
-            check,
+            movie.registration_table(),
+            movie.check_table(),
             record,
             movie.proposal() if record else "",
             movie.parameters.movie.largest_outside,
