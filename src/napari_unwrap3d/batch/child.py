@@ -124,8 +124,9 @@ def run(request: Request, send: Any, progress: Progress) -> None:
 def described(plan: Plan) -> str:
     """What will be done, with which workers and how much memory."""
     movies = sum(job.timepoints is not None for job in plan.jobs)
-    parts = [f"{n} {what}" for n, what in ((len(plan.jobs) - movies, "cells"), (movies, "movies"))]
-    lines = [f"{' and '.join(part for part in parts if part[0] != '0') or 'Nothing'} to unwrap."]
+    counts = ((len(plan.jobs) - movies, "cell"), (movies, "movie"))
+    parts = [f"{count} {what}{'s' * (count != 1)}" for count, what in counts if count]
+    lines = [f"{' and '.join(parts) or 'Nothing'} to unwrap."]
     lines += [f"Cannot be opened: {row.name}: {row.reason}" for row in plan.failed]
     if plan.crew is not None:
         lines.append(f"{plan.crew}.")

@@ -79,11 +79,11 @@ def candidates(layers: Any) -> list[Candidate]:
         count = timepoints_of(layer)
         if count > 1:
             found.append(Candidate(f"{layer.name} ({count} timepoints)", (layer,), count))
-    groups: dict[str, list[Layer]] = {}
+    groups: dict[tuple[str, int], list[Layer]] = {}
     for layer in own:
         if kind := _kind(layer):
-            groups.setdefault(kind, []).append(layer)
-    for kind, members in groups.items():
+            groups.setdefault((kind, layer.ndim), []).append(layer)
+    for (kind, _), members in groups.items():
         if len(members) > 1:
             ordered = tuple(sorted(members, key=lambda layer: natural(layer.name)))
             title = f"{len(ordered)} {kind}: {ordered[0].name} … {ordered[-1].name}"
