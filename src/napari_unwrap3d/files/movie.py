@@ -13,7 +13,11 @@ Layout::
     frames/00012.zip            the frame
     annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
+<<<<<<< HEAD
     failures/00012.json         why the timepoint could not be made and is left out
+=======
+    guides/00012.zip            there, the mesh that tells which place of its surface is which
+>>>>>>> s6-view
 """
 
 from __future__ import annotations
@@ -27,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..charts import Frame, Mask
+from ..charts import Frame, Mask, Surface
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
 from ..progress import Progress, silent
@@ -167,6 +171,17 @@ class MovieFolder:
     def atlas_path(self, timepoint: int) -> Path:
         """The own atlas of a timepoint (common space "each")."""
         return self._piece("frames", timepoint, SUFFIX)
+
+    def guide(self, timepoint: int, key: str) -> Surface | None:
+        """The mesh that tells which place of a timepoint is which, if it is of this key."""
+        path = self._piece("guides", timepoint, ".zip")
+        if record_key(path) != key:
+            return None
+        guide: Surface = read_record(path)[0]["guide"]
+        return guide
+
+    def keep_guide(self, timepoint: int, key: str, guide: Surface) -> None:
+        write_record(self._piece("guides", timepoint, ".zip"), {"guide": guide}, key, {})
 
     def _piece(self, kind: str, timepoint: int, suffix: str) -> Path:
         return self.path / kind / f"{timepoint:05d}{suffix}"

@@ -24,6 +24,7 @@ from ..progress import Progress
 from .common import EACH
 from .stages import MovieWork, stages
 from .timelapse import Source, Timelapse
+from .views import atlas_in, own_atlas
 
 if TYPE_CHECKING:
     import dask.array
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from ..annotations import State
 
 FRAMES_IN_MEMORY = 4
+ATLASES_IN_MEMORY = 2
 COMPARED = ("residual_before", "residual", "corresponding")
 CHECKED = (
     "area_um2",
@@ -63,6 +65,7 @@ class Movie:
     def __post_init__(self) -> None:
         self._manifest = self.folder.manifest()
         self._frames = lru_cache(FRAMES_IN_MEMORY)(self.folder.frame)
+        self._atlases: dict[int, tuple[str | None, Atlas]] = {}
 
     @classmethod
     def open(cls, path: str | Path, work: MovieWork | None = None) -> Movie:
@@ -191,6 +194,40 @@ class Movie:
             self.work.frame(timepoint, progress or Progress())
             self._frames.cache_clear()
         return self._frames(timepoint)
+
+    def atlas(self, timepoint: int, progress: Progress | None = None) -> Atlas:
+        """One timepoint as the atlas of a cell, made when it is asked for.
+
+        In a common space its reference, sphere and (d, u, v) space are those of all timepoints;
+        where every timepoint has its own, it is that one, aligned with the common one.
+
+        Raises
+        ------
+        InputError
+            As :meth:`frame`.
+        """
+        frame = self.frame(timepoint, progress)
+        key = self.folder.frame_key(timepoint)
+        kept = self._atlases.pop(timepoint, None)
+        if kept is None or kept[0] != key:
+            kept = (key, self._atlas_of(frame, progress or Progress()))
+        while len(self._atlases) >= ATLASES_IN_MEMORY:
+            del self._atlases[next(iter(self._atlases))]
+        self._atlases[timepoint] = kept
+        return kept[1]
+
+    def _atlas_of(self, frame: Frame, progress: Progress) -> Atlas:
+        from ..files.project import load_project
+
+        source = {
+            "name": f"{self.name}, timepoint {frame.timepoint}",
+            "kind": "movie",
+            "hash": self.folder.frame_key(frame.timepoint),
+        }
+        if self.record.get("method") == EACH:
+            own = load_project(self.folder.atlas_path(frame.timepoint), progress)
+            return own_atlas(own, frame, source)
+        return atlas_in(self.common, frame, source, progress)
 
     def frames(self) -> Iterator[Frame]:
         """All frames in the order of time, one in memory at a time; lost ones are left out."""

@@ -13,7 +13,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
+<<<<<<< HEAD
 from ..annotations.state import State, moved
+=======
+>>>>>>> s6-view
 from ..atlas import Atlas
 from ..charts import Mask, Stack, Surface, TemporalMask
 from ..errors import InputError, NoMeanError
@@ -25,11 +28,12 @@ from ..pipeline import STEP_VERSION, Pipeline
 from ..progress import Progress, silent
 from ..provenance import content_hash, environment
 from ..unwrapping.solid import closed_mesh, mask_of_mesh
-from .common import MEAN, TIMEPOINT, Recommendation, recommend
-from .frames import CommonSpace, frame_of
+from .alignment import aligned_atlas, fitted, guide_of, in_order
+from .common import EACH, MEAN, TIMEPOINT, Recommendation, recommend
+from .frames import CommonSpace, frame_at, frame_of
 from .outlines import MeanOutline, moved_surface, outline
 from .registering import SEEN_BY_REGISTRATION, register_channels, register_timepoint, unmoved
-from .timelapse import Timelapse
+from .timelapse import Source, Timelapse
 
 Stage = Literal["register", "segment", "common", "frame"]
 PER_TIMEPOINT: tuple[Stage, ...] = ("register", "segment", "frame")
@@ -121,16 +125,27 @@ class MovieWork:
         progress(0.1, "choosing the common space")
         advice = recommend(self._masks(progress), temporal, first, chosen.largest_outside)
         method = advice.method if chosen.common == "recommended" else chosen.common
+        source: Source
         if method == MEAN:
             source = temporal if temporal is not None else mean.mask()
+        elif method == EACH:
+            source = self._own_source(which, first)
         else:
             source = mean.placed(first)
         pipeline = Pipeline(source)
+<<<<<<< HEAD
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
         kept = kept_annotations(self.folder.common_path, atlas)
         self.folder.drop_common()
         save_project(atlas, self.folder.common_path, source=source, annotations=kept)
         advice = advice.spread(segmented, len(self.lapse))
+=======
+        end = 0.5 if method == EACH else 0.95
+        atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
+        save_project(atlas, self.folder.common_path, source=source)
+        if method == EACH:
+            self._guide(atlas, which, key, progress.part(end, 0.95))
+>>>>>>> s6-view
         self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
         return True
 
@@ -142,22 +157,61 @@ class MovieWork:
         source = self.lapse.at(timepoint)
         registered = self.registered(timepoint)
         mask, _ = self.folder.mask(timepoint)
-        given = None
-        if isinstance(source, Surface):
-            given = moved_surface(closed_mesh(source), registered.pose)
-        frame = frame_of(
-            self.space,
-            mask,
-            given,
-            source if isinstance(source, Stack) else None,
-            registered,
-            timepoint,
-            float(self.lapse.times_s[timepoint]),
-            self.working_parameters,
-            progress,
-        )
+        record = self.folder.common()
+        stack = source if isinstance(source, Stack) else None
+        time_s = float(self.lapse.times_s[timepoint])
+        at = (stack, registered, timepoint, time_s, self.working_parameters)
+        if record is not None and record["method"] == EACH:
+            own = self._own_atlas(timepoint, mask, record, progress.part(0.0, 0.8))
+            cell, image = own.surface, own.topography.surface
+            frame = frame_at(CommonSpace(own), cell, image, mask, *at, progress.part(0.8, 1.0))
+        else:
+            frame = frame_of(self.space, mask, self._given(timepoint), *at, progress)
         self.folder.keep_frame(frame, key)
         return True
+
+    # An atlas for each timepoint ---------------------------------------------------
+
+    def _guide(self, atlas: Atlas, which: int, key: str, progress: Progress) -> None:
+        """Bring the guide to one timepoint after the other."""
+        mask, _ = self.folder.mask(which)
+        guide = guide_of(mask, atlas.reference, atlas.sphere)
+        self.folder.keep_guide(which, key, guide)
+        for done, (timepoint, before) in enumerate(in_order(len(self.lapse), which)):
+            if self.folder.guide(timepoint, key) is not None:
+                continue
+            size = len(self.lapse)
+            part = progress.part(done / size, (done + 1) / size)
+            found = self.folder.guide(before, key)
+            assert found is not None
+            mask, _ = self.folder.mask(timepoint)
+            self.folder.keep_guide(timepoint, key, fitted(found, mask, part))
+
+    def _own_atlas(
+        self, timepoint: int, mask: Mask, record: Mapping[str, Any], progress: Progress
+    ) -> Atlas:
+        """The atlas of a timepoint, its sphere aligned with the common one; kept in its file."""
+        source = self._own_source(timepoint, mask)
+        atlas = self.space.atlas
+        if timepoint != record["timepoint"]:
+            guide = self.folder.guide(timepoint, record["key"])
+            assert guide is not None
+            report = _within(progress, 0.0, 0.9, "atlas")
+            atlas = aligned_atlas(source, guide, atlas, self.space_parameters, report)
+        save_project(atlas, self.folder.atlas_path(timepoint), source=source)
+        return atlas
+
+    def _own_source(self, timepoint: int, mask: Mask) -> Mask | Surface:
+        """What a timepoint is unwrapped from: its mesh, or else its mask."""
+        given = self._given(timepoint)
+        return mask if given is None else given
+
+    def _given(self, timepoint: int) -> Surface | None:
+        """The mesh of a timepoint in the common world, where it was given as one."""
+        source = self.lapse.at(timepoint)
+        if not isinstance(source, Surface):
+            return None
+        return moved_surface(closed_mesh(source), self.registered(timepoint).pose)
 
     # What the pieces need ----------------------------------------------------------
 
@@ -183,8 +237,11 @@ class MovieWork:
 
     @property
     def space_parameters(self) -> Parameters:
-        """Those of the atlas of the common space, whose source is a mask and not an image."""
-        stack = type(self.parameters.stack)()
+        """Those of the atlas of the common space, whose source is no image."""
+        edge = self.working_parameters.stack.working_voxel_um
+        # A mask has its working voxels already.
+        mesh = isinstance(self.lapse.at(0), Surface)
+        stack = type(self.parameters.stack)(working_voxel_um=edge if mesh else None)
         return self.parameters.model_copy(update={"stack": stack})
 
     @property
@@ -307,19 +364,21 @@ def _record(
     return {
         "key": key,
         "method": method,
-        "timepoint": timepoint if method == TIMEPOINT else None,
+        "timepoint": timepoint if method in (TIMEPOINT, EACH) else None,
         "timepoints": timepoints,
         "recommendation": advice.to_plain(),
     }
 
 
-def _within(progress: Progress, start: float, stop: float) -> Callable[[str, float, str], None]:
+def _within(
+    progress: Progress, start: float, stop: float, what: str = "common space"
+) -> Callable[[str, float, str], None]:
     """The progress of a pipeline's steps as that of a part of one piece of work."""
     names = [*SPACE, "stack"]
 
     def report(step: str, fraction: float, message: str) -> None:
         place = names.index(step) if step in names else 0
         done = (place + fraction) / len(names)
-        progress(start + (stop - start) * done, f"common space, {step}: {message}")
+        progress(start + (stop - start) * done, f"{what}, {step}: {message}")
 
     return report

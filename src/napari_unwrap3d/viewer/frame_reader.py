@@ -53,7 +53,7 @@ class FrameReader(QObject):
         return not self._told and not self._is_missing(self._wanted)
 
     def want(self, timepoint: int, direction: int = 1) -> None:
-        """Ask for a timepoint; those in a direction (+1 or −1) from it are read ahead."""
+        """Ask for a timepoint; those in a direction (+1, −1, or 0: none) are read ahead."""
         self._wanted, self._direction, self._told = timepoint, direction, False
         if self._kept.get(timepoint) is not None:
             self._kept.move_to_end(timepoint)

@@ -6,6 +6,7 @@ import weakref
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from qtpy.QtCore import QEvent, QObject, QTimer, Signal
 
 from ..charts import Frame
@@ -18,6 +19,8 @@ from .threads import Task, tell
 if TYPE_CHECKING:
     from napari.components import ViewerModel
 
+# So far on is the next timepoint of a scrub; farther is a jump.
+NEXT = 2
 FPS = 8.0
 LOWEST_FPS, HIGHEST_FPS = 1.0, 30.0
 
@@ -120,9 +123,9 @@ class MovieSession(QObject):
         """
         if self.movie is None or self._reader is None or not 0 <= timepoint < len(self.movie):
             return
-        forward = timepoint >= self.wanted
-        self.wanted = timepoint
-        self._reader.want(timepoint, 1 if forward else -1)
+        moved, self.wanted = timepoint - self.wanted, timepoint
+        # Who jumps goes on from there anywhere.
+        self._reader.want(timepoint, int(np.sign(moved)) if abs(moved) <= NEXT else 0)
         self.wanted_changed.emit(timepoint)
 
     def step(self, by: int) -> None:
