@@ -13,10 +13,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal
 
-<<<<<<< HEAD
 from ..annotations.state import State, moved
-=======
->>>>>>> s6-view
 from ..atlas import Atlas
 from ..charts import Mask, Stack, Surface, TemporalMask
 from ..errors import InputError, NoMeanError
@@ -133,19 +130,14 @@ class MovieWork:
         else:
             source = mean.placed(first)
         pipeline = Pipeline(source)
-<<<<<<< HEAD
-        atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, 0.95))
+        end = 0.5 if method == EACH else 0.95
+        atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
         kept = kept_annotations(self.folder.common_path, atlas)
         self.folder.drop_common()
         save_project(atlas, self.folder.common_path, source=source, annotations=kept)
-        advice = advice.spread(segmented, len(self.lapse))
-=======
-        end = 0.5 if method == EACH else 0.95
-        atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
-        save_project(atlas, self.folder.common_path, source=source)
         if method == EACH:
             self._guide(atlas, which, key, progress.part(end, 0.95))
->>>>>>> s6-view
+        advice = advice.spread(segmented, len(self.lapse))
         self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
         return True
 
