@@ -19,7 +19,11 @@ from napari_unwrap3d.files.stacks import write_image
 
 VOXEL = (0.25, 0.25, 0.25)
 SIZES = dict(zip("zyx", VOXEL, strict=True))
-TINY = {"uv": {"rows": 32}, "registration": {"method": "none"}}
+TINY = {
+    "uv": {"rows": 32},
+    "registration": {"method": "none"},
+    "reference": {"vertices": 2000},
+}
 
 
 def ball(size: int, centre: tuple[float, float, float], radius: float) -> np.ndarray:
