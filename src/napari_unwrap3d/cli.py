@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING, Any
 from .batch.command import add_batch
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
+from .movie_cli import add_movie
 from .options import (
     add_charts,
     add_comparing,
@@ -87,6 +88,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_compare(commands)
     _add_demo(commands)
     _add_export(commands)
+    add_movie(commands)
     return parser
 
 
@@ -249,7 +251,7 @@ def compare_command(arguments: argparse.Namespace, console: Console) -> int:
 def demo_command(arguments: argparse.Namespace, console: Console) -> int:
     """``demo``: simulate, unwrap, and write or show."""
     from .files.export import PROJECT_NAME, check_folder, remove_entries
-    from .simulate import KINDS
+    from .simulate import KINDS, cell
 
     if arguments.kind not in KINDS:
         raise ParameterError(
@@ -271,7 +273,7 @@ def demo_command(arguments: argparse.Namespace, console: Console) -> int:
             open_demo(arguments.kind, project, parameters, size=arguments.size)
             return 0
         console.print(f"{missing} The charts are written as files instead.", highlight=False)
-    source = simulated_stack(arguments.kind, arguments.seed, arguments.size)
+    source = cell(kind=arguments.kind, seed=arguments.seed, size=arguments.size).stack
     _unwrap_and_export(source, parameters, arguments, console)
     return 0
 
@@ -454,13 +456,6 @@ def described(arguments: argparse.Namespace) -> dict[str, Any]:
         pairs = stack_pairs(_read_stack(arguments))
         pairs.pop("extent (z, y, x)")
         return {**pairs, "voxel size (z, y, x)": f"{error.what} {error.hint}"}
-
-
-def simulated_stack(kind: str, seed: int, size: int) -> Stack:
-    """The light-sheet stack of a simulated cell."""
-    from .simulate import cell
-
-    return cell(kind=kind, seed=seed, size=size).stack
 
 
 # The window ------------------------------------------------------------------

@@ -12,7 +12,7 @@ from .files.formats import NAMES
 from .parameters import PRESETS, Parameters
 
 
-def add_reading(parser: argparse.ArgumentParser) -> None:
+def add_reading(parser: argparse._ActionsContainer) -> None:
     """Options that say how a file is read."""
     parser.add_argument(
         "--voxel-size", type=float, nargs=3, metavar=("Z", "Y", "X"), help="voxel size in µm"

@@ -105,7 +105,7 @@ def frame_of(
     cell = surface(mask, parameters.surface, given, progress.part(0.0, 0.4))
     image = space.locate(cell.vertices, progress.part(0.4, 0.6))
     chart = space.topography_of(cell, image)
-    outside = (~np.isfinite(image).all(axis=1)).astype(np.float32)
+    outside = np.asarray(~np.isfinite(image).all(axis=1), np.float32)
     fields: dict[str, npt.NDArray[Any]] = {
         HEIGHT: image[:, 0],
         AREA: elements(cell),

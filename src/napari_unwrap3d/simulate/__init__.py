@@ -2,7 +2,8 @@
 
 A cell is drawn as smooth solids (:mod:`.bodies`, :mod:`.protrusions`), put together on
 the working grid (:mod:`.solids`) and imaged by a light-sheet microscope
-(:mod:`.microscope`). Nothing here knows how the package analyses a cell.
+(:mod:`.microscope`). In a movie (:mod:`.movies`) shapes grow and retract (:mod:`.growing`) or
+travel (:mod:`.ruffling`) on a body that drifts. Nothing here knows how the package analyses a cell.
 """
 
 from .cells import SimulatedCell, Truth, cell

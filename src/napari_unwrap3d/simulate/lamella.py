@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 import numba
 import numpy as np
@@ -50,6 +51,10 @@ class Lamella:
     thickness_um: float
     dome_um: float
     dome_width_um: float
+
+    def __reduce__(self) -> Any:
+        # Without the maps, which are made again in no time.
+        return type(self), tuple(getattr(self, one.name) for one in fields(self))
 
     @property
     def up(self) -> Floats:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -135,7 +135,8 @@ class SimulatedMovie:
         object.__setattr__(self, "_moments", lru_cache(MOMENTS_IN_MEMORY)(self._moment))
 
     def __reduce__(self) -> Any:
-        return (type(self), tuple(getattr(self, name) for name in _FIELDS))
+        # Without the frames in memory.
+        return type(self), tuple(getattr(self, one.name) for one in fields(self) if one.init)
 
     def __len__(self) -> int:
         return len(self.poses)
@@ -338,21 +339,6 @@ class SimulatedMovie:
                 timepoints=len(self),
                 hint=f"Timepoints are counted from 0 to {len(self) - 1}.",
             )
-
-
-_FIELDS: tuple[str, ...] = (
-    "kind",
-    "seed",
-    "cell",
-    "poses",
-    "texture",
-    "recording",
-    "time_step_s",
-    "floor",
-    "lifetimes",
-    "rates",
-    "key",
-)
 
 
 @dataclass(frozen=True, eq=False)
