@@ -221,7 +221,8 @@ def test_the_command_makes_an_atlas_of_every_label(tmp_path: Path, capsys) -> No
     image, output = tmp_path / "cells.ome.tif", tmp_path / "output"
     write_image(image, label_image(), sizes=SIZES)
     command = ["batch", str(image), "-o", str(output), "--labels", "all", "--no-pictures",
-               "--workers", "1", "--set", "uv.rows=32", "--set", "reference.vertices=2000"]  # fmt: skip
+               "--workers", "1", "--set", "uv.rows=32",
+               "--set", "reference.vertices=2000"]  # fmt: skip
     assert main(command) == 3
     printed = capsys.readouterr()
     assert "1 worker × " in printed.out
