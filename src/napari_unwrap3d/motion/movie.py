@@ -149,6 +149,11 @@ class Movie:
             return self.folder.has_frame(timepoint, self.work.frame_key(timepoint))
         return self.folder.frame_key(timepoint) is not None
 
+    def is_lost(self, timepoint: int) -> bool:
+        """Whether a timepoint has no frame because it could not be made (in a batch)."""
+        lost = self.work is None or self.folder.failure(timepoint) is not None
+        return lost and not self.has_frame(timepoint)
+
     def frame(self, timepoint: int, progress: Progress | None = None) -> Frame:
         """One timepoint in the common space; made first if it is not there.
 
@@ -160,6 +165,13 @@ class Movie:
         if not 0 <= timepoint < len(self):
             raise InputError(f"There is no timepoint {timepoint}.", timepoints=len(self))
         if not self.has_frame(timepoint):
+            failure = self.folder.failure(timepoint)
+            if failure is not None:
+                raise InputError(
+                    f"Timepoint {timepoint} could not be made: {failure['reason']}",
+                    stage=failure["stage"],
+                    hint="Run the batch again to try it once more.",
+                )
             if self.work is None:
                 raise InputError(
                     f"The frame of timepoint {timepoint} was not made.",
@@ -204,25 +216,38 @@ class Movie:
         return atlas_in(self.common, frame, source, progress)
 
     def frames(self) -> Iterator[Frame]:
-        """All frames in the order of time, one in memory at a time."""
+        """All frames in the order of time, one in memory at a time; lost ones are left out."""
         for timepoint in range(len(self)):
-            yield self.frame(timepoint)
+            if not self.is_lost(timepoint):
+                yield self.frame(timepoint)
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the uv stacks."""
-        return tuple(self.frame(0).uv)
+        return tuple(self._first().uv)
+
+    def _first(self) -> Frame:
+        """The first frame that there is."""
+        found = next(self.frames(), None)
+        if found is None:
+            raise InputError("The movie has no frame.", timepoints=len(self))
+        return found
 
     def uv(self, name: str) -> dask.array.Array:
-        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time."""
+        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time.
+
+        Of lost timepoints it is NaN.
+        """
         import dask.array
 
-        first = self.frame(0).uv
+        first = self._first().uv
         if name not in first:
             raise InputError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(first)}.")
 
         def image(block_info: Any = None) -> npt.NDArray[Any]:
             timepoint = block_info[None]["chunk-location"][0]
+            if self.is_lost(timepoint):
+                return np.full((1, *first[name].shape), np.nan, first[name].dtype)
             return self.frame(timepoint).uv[name][None]
 
         stacked: dask.array.Array = dask.array.map_blocks(  # type: ignore[no-untyped-call]
