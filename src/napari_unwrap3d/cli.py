@@ -156,7 +156,11 @@ def _add_demo(commands: Any) -> None:
     demo.add_argument("--kind", default="blebs", help="kind of protrusions (default: blebs)")
     demo.add_argument("--seed", type=int, default=0, help="which random cell (default: 0)")
     demo.add_argument(
-        "--size", type=int, default=200, help="edge of the field of view in voxels (default: 200)"
+        "--size", type=int, help="edge of the field of view in voxels (default: 200; of movies 96)"
+    )
+    demo.add_argument("--movie", action="store_true", help="a short movie of a cell instead")
+    demo.add_argument(
+        "--timepoints", type=int, default=8, help="of the movie (default: 8)", metavar="T"
     )
     demo.add_argument("--window", action="store_true", help="show the charts in napari")
     add_parameters(demo)
@@ -253,6 +257,11 @@ def demo_command(arguments: argparse.Namespace, console: Console) -> int:
     from .files.export import PROJECT_NAME, check_folder, remove_entries
     from .simulate import KINDS, cell
 
+    if arguments.movie:
+        from .movie_demo import movie_demo
+
+        return movie_demo(arguments, console)
+    arguments.size = arguments.size or 200
     if arguments.kind not in KINDS:
         raise ParameterError(
             f"There is no kind {arguments.kind!r}.", hint=f"Kinds: {', '.join(KINDS)}."

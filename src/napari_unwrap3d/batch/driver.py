@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -40,6 +40,7 @@ class Driver:
     report: Progress
     limit_bytes: float
     before: tuple[Row, ...] = ()
+    watch: Callable[[list[Row]], None] | None = None
     _flying: dict[Any, tuple[Task, Piece]] = field(default_factory=dict)
     _answers: queue.Queue[Any] = field(default_factory=queue.Queue)
     _begun: int = 0
@@ -171,6 +172,8 @@ class Driver:
     def _tell(self) -> None:
         total = sum(task.pieces if task.rows else 1 for task in self.tasks)
         done = sum(task.finished for task in self.tasks)
+        if self.watch is not None:
+            self.watch(self.rows)
         self.report(done / total if total else 1.0, in_words(self.counts()))
 
     def _log(self, task: Task, piece: Piece, outcome: Done | Failure) -> None:

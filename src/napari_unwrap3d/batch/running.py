@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,7 +19,7 @@ from .inputs import Reading
 from .jobs import Exports
 from .locks import held
 from .planning import Input, Labels, Plan, plan_batch
-from .result import BatchResult
+from .result import BatchResult, Row
 from .tasks import task_of
 
 if TYPE_CHECKING:
@@ -114,8 +114,20 @@ def run_batch(
     return run_plan(plan, report)
 
 
-def run_plan(plan: Plan, progress: ProgressLike = None) -> BatchResult:
-    """Do what was planned; see :func:`run_batch`."""
+def run_plan(
+    plan: Plan,
+    progress: ProgressLike = None,
+    watch: Callable[[list[Row]], None] | None = None,
+) -> BatchResult:
+    """Do what was planned; see :func:`run_batch`.
+
+    Parameters
+    ----------
+    plan : Plan
+    progress : Progress, or callable(stage, fraction, message), optional
+    watch : callable(rows), optional
+        Called with the rows of all items whenever one has ended.
+    """
     report = progress if isinstance(progress, Progress) else Progress(progress)
     with _alone(plan.output):
         if not plan.jobs:
@@ -131,6 +143,7 @@ def run_plan(plan: Plan, progress: ProgressLike = None) -> BatchResult:
                 report.named("batch"),
                 limit,
                 plan.failed,
+                watch,
             )
             try:
                 driver.run()

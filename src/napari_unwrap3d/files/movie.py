@@ -31,6 +31,7 @@ from typing import Any
 from ..charts import Frame, Mask, Surface
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
+from ..progress import Progress, silent
 from .atomic import replacing, write_json
 from .project import MOVIE, SUFFIX, read_record, record_key, record_numbers, write_record
 
@@ -184,15 +185,19 @@ class MovieFolder:
 
     # One file ----------------------------------------------------------------------
 
-    def pack(self, target: Path) -> Path:
+    def pack(self, target: Path, progress: Progress | None = None) -> Path:
         """Everything in one ``*.unwrap3d`` file, which :func:`unpack` opens."""
+        report = progress if progress is not None else silent()
         target = target if target.suffix == SUFFIX else target.with_name(target.name + SUFFIX)
         self.manifest()
         with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
-            for entry in sorted(self.path.rglob("*")):
+            entries = [entry for entry in sorted(self.path.rglob("*")) if entry.is_file()]
+            for index, entry in enumerate(entries):
                 name = entry.relative_to(self.path)
-                if entry.is_file() and not any(part.startswith(".") for part in name.parts):
+                report(index / len(entries), f"writing {name.as_posix()}")
+                if not any(part.startswith(".") for part in name.parts):
                     archive.write(entry, name.as_posix())
+        report(1.0, "saved")
         return target
 
 

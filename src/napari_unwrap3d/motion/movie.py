@@ -91,6 +91,12 @@ class Movie:
         weakref.finalize(self, shutil.rmtree, self.folder.path, ignore_errors=True)
         return self
 
+    def go_on_with(self, work: MovieWork) -> None:
+        """Its frames are those of other parameters now; the common space stays."""
+        self.work, self._manifest = work, self.folder.manifest()
+        self.__dict__.pop("parameters", None)
+        self._frames.cache_clear()
+
     # What it is of -----------------------------------------------------------------
 
     def __len__(self) -> int:
@@ -135,6 +141,14 @@ class Movie:
         atlas = load_project(self.folder.common_path)
         restore_timed(self.folder, atlas)
         return atlas
+
+    def has_common(self, atlas: Atlas | None) -> bool:
+        """Whether an atlas is the one of its common space; nothing is read for it."""
+        return atlas is not None and self.__dict__.get("common") is atlas
+
+    def use_common(self, atlas: Atlas) -> None:
+        """Take an atlas that was read from its folder already: what is drawn on it is its own."""
+        self.__dict__["common"] = atlas
 
     @property
     def record(self) -> dict[str, Any]:
@@ -363,12 +377,12 @@ class Movie:
 
         keep_annotations(self.folder, state or self.common.annotations.state())
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, progress: Progress | None = None) -> Path:
         """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
         drawn = self.__dict__["common"].annotated if "common" in self.__dict__ else None
         if drawn is not None:
             self.keep_annotations(drawn.state())
-        return self.folder.pack(Path(path))
+        return self.folder.pack(Path(path), progress)
 
 
 def unwrap_movie(

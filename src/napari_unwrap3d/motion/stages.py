@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
+from ..annotations.state import State, moved
 from ..atlas import Atlas
 from ..charts import Mask, Stack, Surface, TemporalMask
 from ..errors import InputError, NoMeanError
@@ -111,10 +113,10 @@ class MovieWork:
         record = self.folder.common()
         if record is not None and record["key"] == key:
             return False
-        mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
-        chosen = self.parameters.movie
         segmented = self.segmented()
         which = self._chosen_timepoint(segmented)
+        mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
+        chosen = self.parameters.movie
         first, _ = self.folder.mask(which)
         temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
@@ -130,8 +132,9 @@ class MovieWork:
         pipeline = Pipeline(source)
         end = 0.5 if method == EACH else 0.95
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
+        kept = kept_annotations(self.folder.common_path, atlas)
         self.folder.drop_common()
-        save_project(atlas, self.folder.common_path, source=source)
+        save_project(atlas, self.folder.common_path, source=source, annotations=kept)
         if method == EACH:
             self._guide(atlas, which, segmented, key, progress.part(end, 0.95))
         advice = advice.spread(segmented, len(self.lapse))
@@ -337,6 +340,16 @@ def stages(timepoints: int) -> Iterable[tuple[Stage, range]]:
     yield "segment", range(timepoints)
     yield "common", range(1)
     yield "frame", range(timepoints)
+
+
+def kept_annotations(path: Path, atlas: Atlas) -> State | None:
+    """What was drawn on the common space in a file, as it is to be on one that replaces it."""
+    if not path.is_file():
+        return None
+    before = load_project(path)
+    if before.annotated is None or not before.annotations.names:
+        return None
+    return moved(before.annotations, atlas)
 
 
 def _record(
