@@ -40,11 +40,12 @@ from napari_unwrap3d.files.project import load_project
 from napari_unwrap3d.files.stacks import write_image
 
 SEED = 0
-TIMEPOINTS = 60
-SIZE = 112
+TIMEPOINTS = 40
+SIZE = 96
 ROWS = 128
 WORKERS = 2
 VOXEL_UM = 0.25
+MOVIE = "movie"
 FRAMES = (20, 200)
 
 FASTER_BAR = Bar(1.6, "× faster", at_least=True)
@@ -138,9 +139,7 @@ def killed_and_resumed(files: list[str], folder: Path) -> Entries:
 
 def differing(one: Path, other: Path, timepoints: int) -> int:
     """How many arrays of two movies are not the same to the last bit."""
-    folders = [
-        MovieFolder(next(path.parent for path in o.glob("*/movie.json"))) for o in (one, other)
-    ]
+    folders = [MovieFolder(output / MOVIE) for output in (one, other)]
     spaces = [load_project(folder.common_path) for folder in folders]
     count = sum(different(getattr(spaces[0], c), getattr(spaces[1], c)) for c in CHARTS)
     for timepoint in range(timepoints):
@@ -217,7 +216,7 @@ def main() -> None:
         return
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        files = write_movie(folder / "movie", options.seed, options.timepoints)
+        files = write_movie(folder / MOVIE, options.seed, options.timepoints)
         entries = two_workers(files, folder)
         entries |= killed_and_resumed(files, folder)
         entries |= memory(folder)

@@ -93,6 +93,6 @@ def worker_pids() -> list[int]:
 
 def dying_piece(path: str, digest: str, stages: Any, timepoint: int, keys: Any) -> worker.Done:
     """As a worker's piece of work, but that of a cell named hog takes its process along."""
-    if Path(path).stem.startswith("hog"):
+    if Path(path).name.startswith("hog"):
         os.kill(os.getpid(), signal.SIGKILL)
     return worker.run_piece(path, digest, stages, timepoint, keys)
