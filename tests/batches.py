@@ -19,7 +19,11 @@ from napari_unwrap3d.files.stacks import write_image
 
 VOXEL = (0.25, 0.25, 0.25)
 SIZES = dict(zip("zyx", VOXEL, strict=True))
-TINY = {"uv": {"rows": 32}, "registration": {"method": "none"}}
+TINY = {
+    "uv": {"rows": 32},
+    "registration": {"method": "none"},
+    "reference": {"vertices": 2000},
+}
 
 
 def ball(size: int, centre: tuple[float, float, float], radius: float) -> np.ndarray:
@@ -89,6 +93,6 @@ def worker_pids() -> list[int]:
 
 def dying_piece(path: str, digest: str, stages: Any, timepoint: int, keys: Any) -> worker.Done:
     """As a worker's piece of work, but that of a cell named hog takes its process along."""
-    if Path(path).stem.startswith("hog"):
+    if Path(path).name.startswith("hog"):
         os.kill(os.getpid(), signal.SIGKILL)
     return worker.run_piece(path, digest, stages, timepoint, keys)

@@ -130,6 +130,43 @@ def test_a_batch_that_is_cancelled_tells_what_is_left_and_goes_on(
     assert_same_movie(tmp_path / "files", expected, TIMEPOINTS)
 
 
+COMMAND = """
+import sys
+from napari_unwrap3d import cli, console
+
+class Told(console.StepProgress):
+    def __call__(self, step, fraction, message=""):
+        print(step, f"{fraction:.3f}", flush=True)
+
+console.StepProgress = Told
+if __name__ == "__main__":
+    sys.exit(cli.main(sys.argv[1:]))
+"""
+
+
+def test_the_command_is_stopped_by_the_keyboard(tmp_path: Path) -> None:
+    files = write_masks(tmp_path / "files", TIMEPOINTS)
+    script, output = tmp_path / "command.py", tmp_path / "output"
+    script.write_text(COMMAND)
+    command = [sys.executable, str(script), "batch", *map(str, files), "--timelapse", "--mask",
+               "--time-step", "2", "-o", str(output), "--workers", "2", "--set", "uv.rows=32",
+               "--set", "registration.method=none"]  # fmt: skip
+    # As a terminal does, the signal is sent to all of the processes.
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, start_new_session=True, text=True
+    ) as run:
+        for line in run.stdout:
+            if line.startswith("batch") and float(line.split()[1]) > 0.2:
+                os.killpg(run.pid, signal.SIGINT)
+                break
+        _, errors = run.communicate()
+    assert run.returncode == 130, errors
+    assert "the same command again goes on" in errors
+    assert "Traceback" not in errors
+    assert set(pd.read_csv(output / "summary.csv").state) == {"left"}
+    assert pieces_done(output)
+
+
 def test_an_item_that_kills_its_workers_is_reported_and_the_others_are_made(
     tmp_path: Path, monkeypatch
 ) -> None:
@@ -184,7 +221,8 @@ def test_the_command_makes_an_atlas_of_every_label(tmp_path: Path, capsys) -> No
     image, output = tmp_path / "cells.ome.tif", tmp_path / "output"
     write_image(image, label_image(), sizes=SIZES)
     command = ["batch", str(image), "-o", str(output), "--labels", "all", "--no-pictures",
-               "--workers", "1", "--set", "uv.rows=32"]  # fmt: skip
+               "--workers", "1", "--set", "uv.rows=32",
+               "--set", "reference.vertices=2000"]  # fmt: skip
     assert main(command) == 3
     printed = capsys.readouterr()
     assert "1 worker × " in printed.out

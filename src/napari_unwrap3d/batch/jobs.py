@@ -83,7 +83,7 @@ class Job(BaseModel):
     def save(self, output: Path) -> tuple[str, str]:
         """Write the job beside the results; its path and a hash of it."""
         text = self.model_dump_json(indent=1)
-        path = output / JOBS / f"{self.name}.json"
+        path = output / JOBS / f"{self.name}.job.json"
         if not path.is_file() or path.read_text(encoding="utf-8") != text:
             write_text(path, text)
         return str(path), content_hash(text)

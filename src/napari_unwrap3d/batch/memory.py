@@ -12,13 +12,18 @@ from ..parameters import Parameters
 from .inputs import Looked
 
 GB = 1e9
-# Measured by benchmarks/movies_batch.py --calibrate: an idle worker with our libraries; bytes
-# per voxel of the working grid; bytes per (u, v) pixel and voxel of the grid's edge; bytes per
-# byte of a timepoint's image.
-BASE_BYTES = 0.45 * GB
-PER_VOXEL = 60.0
-PER_PIXEL_AND_VOXEL = 14.0
-PER_SOURCE_BYTE = 3.0
+# Fitted to the peak of a process that unwraps a blebbing cell and writes its files, with boxes of
+# 128³ and 192³ voxels, 64 to 1024 rows, and 20 000 and 120 000 vertices of the reference (0.86 to
+# 4.1 GB, within 10 %): a worker with our libraries and the fields of a small cell; bytes per vertex
+# of the reference; per sample (d, u, v); per voxel of the working grid; and per byte of a
+# timepoint's image, which is held as floating-point numbers, and twice while it is registered.
+BASE_BYTES = 0.75 * GB
+PER_VERTEX = 3000.0
+PER_SAMPLE = 21.0
+PER_VOXEL = 20.0
+PER_SOURCE_BYTE = 4.0
+# Layers of a topography with steps of half a voxel, by the edge of the grid in voxels.
+LAYERS, LAYERS_PER_VOXEL, USUAL_STEP = 35.0, 0.25, 0.5
 # What a cell fills of the box around it, where only its number of voxels is known.
 FILLED = 0.2
 # The part of the free memory that workers may take, and of a worker's that an item may.
@@ -78,11 +83,13 @@ def estimate(looked: Looked, parameters: Parameters, cell_voxels: int | None = N
     if cell_voxels is not None:
         voxels = min(voxels, cell_voxels / FILLED)
     voxels *= float(np.prod(size)) / edge**3
-    pixels = 2 * parameters.uv.rows**2
+    layers = (LAYERS + LAYERS_PER_VOXEL * float(np.cbrt(voxels))) * USUAL_STEP
+    samples = 2 * parameters.uv.rows**2 * layers / parameters.topography.step_voxels
     return (
         BASE_BYTES
+        + PER_VERTEX * parameters.reference.vertices
+        + PER_SAMPLE * samples
         + PER_VOXEL * voxels
-        + PER_PIXEL_AND_VOXEL * pixels * float(np.cbrt(voxels))
         + PER_SOURCE_BYTE * looked.source_bytes
     )
 

@@ -13,8 +13,8 @@ Layout::
     frames/00012.zip            the frame
     annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
-    failures/00012.json         why the timepoint could not be made and is left out
     guides/00012.zip            there, the mesh that tells which place of its surface is which
+    failures/00012.json         why the timepoint could not be made and is left out
 """
 
 from __future__ import annotations

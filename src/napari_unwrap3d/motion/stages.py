@@ -136,7 +136,7 @@ class MovieWork:
         self.folder.drop_common()
         save_project(atlas, self.folder.common_path, source=source, annotations=kept)
         if method == EACH:
-            self._guide(atlas, which, key, progress.part(end, 0.95))
+            self._guide(atlas, which, segmented, key, progress.part(end, 0.95))
         advice = advice.spread(segmented, len(self.lapse))
         self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
         return True
@@ -164,15 +164,17 @@ class MovieWork:
 
     # An atlas for each timepoint ---------------------------------------------------
 
-    def _guide(self, atlas: Atlas, which: int, key: str, progress: Progress) -> None:
-        """Bring the guide to one timepoint after the other."""
+    def _guide(
+        self, atlas: Atlas, which: int, segmented: list[int], key: str, progress: Progress
+    ) -> None:
+        """Bring the guide to one timepoint after the other, of those that have a mask."""
         mask, _ = self.folder.mask(which)
         guide = guide_of(mask, atlas.reference, atlas.sphere)
         self.folder.keep_guide(which, key, guide)
-        for done, (timepoint, before) in enumerate(in_order(len(self.lapse), which)):
+        for done, (timepoint, before) in enumerate(in_order(segmented, which)):
             if self.folder.guide(timepoint, key) is not None:
                 continue
-            size = len(self.lapse)
+            size = len(segmented)
             part = progress.part(done / size, (done + 1) / size)
             found = self.folder.guide(before, key)
             assert found is not None
