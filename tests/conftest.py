@@ -10,6 +10,7 @@ from hypothesis import settings
 
 if TYPE_CHECKING:
     from napari_unwrap3d.atlas import Atlas
+    from napari_unwrap3d.motion.movie import Movie
     from napari_unwrap3d.pipeline import Pipeline
 
 PROJECT = Path(__file__).resolve().parents[1]
@@ -72,3 +73,11 @@ def plane_handle_atlas() -> Atlas:
     from shapes import QUICK, small_cell_mask
 
     return Pipeline(small_cell_mask(handle=True)).run(QUICK, until="plane")
+
+
+@pytest.fixture(scope="session")
+def breathing(tmp_path_factory: pytest.TempPathFactory) -> Movie:
+    """The movie of tests/movies.py with all of its frames; change nothing in its folder."""
+    from movies import breathing_movie
+
+    return breathing_movie(tmp_path_factory.mktemp("movies") / "breathing")

@@ -45,8 +45,10 @@ if TYPE_CHECKING:
     from .files.annotation_export import export_annotations
     from .files.autosave import save_annotations
     from .files.meshes import read_mesh
+    from .files.movie_files import export_movie
     from .files.stacks import read_stack
     from .geometry.compare import compare_meshes
+    from .motion.kymograph import kymograph
     from .motion.movie import Movie, load_movie, unwrap_movie
     from .parameters import Parameters
     from .pipeline import Pipeline, unwrap
@@ -76,9 +78,11 @@ _LAZY = {
     "Volume": "charts",
     "export_annotations": "files.annotation_export",
     "save_annotations": "files.autosave",
+    "export_movie": "files.movie_files",
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
     "compare_meshes": "geometry.compare",
+    "kymograph": "motion.kymograph",
     "Movie": "motion.movie",
     "load_movie": "motion.movie",
     "unwrap_movie": "motion.movie",
@@ -114,6 +118,8 @@ __all__ = [
     "__version__",
     "compare_meshes",
     "export_annotations",
+    "export_movie",
+    "kymograph",
     "load",
     "load_movie",
     "read_mesh",

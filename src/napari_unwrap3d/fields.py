@@ -20,6 +20,7 @@ from .charts import Floats, Protrusions, Stack, Volume
 from .errors import ChartMissingError, ParameterError
 from .geometry.locate import interpolate
 from .imaging.roi import chosen_volume
+from .places import Place
 from .progress import Progress, silent
 from .protrusions.columns import COLUMNS
 from .sampling import sample_signal
@@ -311,6 +312,12 @@ class Fields:
         """
         values = self._values.get((name, "surface"))
         return None if values is None else float(values[corners] @ weights)
+
+    def at_place(self, name: str, place: Place) -> float | None:
+        """The value at a place; None where it is not on the surface, see :meth:`at`."""
+        if place.corners is None or place.weights is None:
+            return None
+        return self.at(name, place.corners, place.weights)
 
     def _at_home(self, field: Field, progress: Progress) -> npt.NDArray[Any]:
         atlas = self.atlas

@@ -27,7 +27,7 @@ from .quality import quality_rows
 from .requested import ON_REQUEST as REQUESTED
 from .unwrapping import measure
 from .unwrapping.axis import with_field_of
-from .unwrapping.outermost import OutermostSurface
+from .unwrapping.outermost import OutermostSurface, with_outermost
 from .unwrapping.reference import reference
 from .unwrapping.solid import closed_mesh, mask_of_mesh
 from .unwrapping.sphere import sphere
@@ -187,6 +187,13 @@ class Pipeline:
         """Put a result that a person edited in the place of what the step computed, if it ran."""
         if name in self.kept:
             self.kept[name] = replace(self.kept[name], value=value, numbers=dict(numbers))
+
+    def provide(
+        self, name: str, value: Any, numbers: Mapping[str, Any], parameters: Parameters
+    ) -> None:
+        """Put what was made elsewhere in the place of a step's result: it need not run."""
+        key = self._key(_BY_NAME[name], parameters)
+        self.kept[name] = Kept(key, value, dict(numbers), 0.0)
 
     def value(self, name: str) -> Any:
         """Result of a step that has run."""
@@ -368,12 +375,7 @@ def _topography(pipeline: Pipeline, parameters: Parameters, progress: Progress) 
         source.reach() if isinstance(source, TemporalMask) else None,
     )
     progress(0.9, "measuring the maps")
-    outermost = OutermostSurface(cell, chart)
-    fields = {
-        "height_um": outermost.height_um,
-        "mean_curvature_per_um": outermost.image(cell.fields["mean_curvature_per_um"]),
-    }
-    chart = replace(chart, fields=fields)
+    chart = with_outermost(chart, OutermostSurface(cell, chart), cell)
     return chart, measure.measure_topography(cell, chart, mask.voxel_size[0])
 
 

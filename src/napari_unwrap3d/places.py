@@ -42,6 +42,8 @@ class Place:
         Unit vector (z, y, x).
     conformal : ndarray, (3,)
         Unit vector (z, y, x) on the conformal sphere.
+    on_frame : ndarray, (3,)
+        (z, y, x) in µm on the surface of a timepoint, where one is shown.
     """
 
     position: Floats | None = None
@@ -54,6 +56,7 @@ class Place:
     reference: Floats | None = None
     sphere: Floats | None = None
     conformal: Floats | None = None
+    on_frame: Floats | None = None
 
 
 class Places:

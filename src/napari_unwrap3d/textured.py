@@ -44,23 +44,58 @@ class Box(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Skin:
-    """How a chart's image lies on a mesh.
+class Sheet:
+    """The pixels of a texture.
 
     Attributes
     ----------
-    chart : str
-        "uv" or "direct".
+    rows : int
+        N.
+    repeated : int
+        How many columns are in the texture once more.
+    """
+
+    rows: int
+    repeated: int
+
+    @classmethod
+    def whole(cls, rows: int) -> Sheet:
+        """One that is enough for every mesh that was cut at the seam."""
+        return cls(rows, rows + 2)
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Rows and columns of the texture."""
+        return self.rows, 2 * self.rows + self.repeated + 1
+
+
+@dataclass(frozen=True, eq=False)
+class Laid(Sheet):
+    """How a texture lies on a mesh.
+
+    Attributes
+    ----------
     origin : ndarray, (p,) int64
         The vertex of the mesh that each vertex of the textured mesh is a copy of.
     faces : ndarray, (m, 3) int64
         Of the textured mesh, in the order of the mesh's own.
     coordinates : ndarray, (p, 2) float32
         Of its vertices in the texture, from the lower left corner, 0…1.
-    rows : int
-        N.
-    repeated : int
-        How many columns are in the texture once more.
+    """
+
+    origin: Ints
+    faces: Ints
+    coordinates: npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Skin(Laid):
+    """How a chart's image lies on a mesh.
+
+    Attributes
+    ----------
+    chart : str
+        "uv" or "direct".
     pixel_face : ndarray, (N, 2N) int64, pixel_weights : ndarray, (N, 2N, 3)
         The place of the mesh that each pixel shows.
     covered : ndarray, (N, 2N) bool
@@ -68,19 +103,9 @@ class Skin:
     """
 
     chart: str
-    origin: Ints
-    faces: Ints
-    coordinates: npt.NDArray[np.float32]
-    rows: int
-    repeated: int
     pixel_face: Ints
     pixel_weights: Floats
     covered: Bools
-
-    @property
-    def shape(self) -> tuple[int, int]:
-        """Rows and columns of the texture."""
-        return self.rows, 2 * self.rows + self.repeated + 1
 
     def image(self, values: npt.ArrayLike, faces: Ints) -> Floats:
         """Values (n,) at the mesh's vertices as an image (N, 2N); NaN where it shows nothing.
@@ -196,25 +221,40 @@ def _skin(
     rows = len(covered)
     farthest = float(np.nanmax(corners[:, :, 1], initial=0.0))
     repeated = min(max(int(np.ceil(farthest + 0.5)) - 2 * rows + 1, 0), 2 * rows)
-    width = 2 * rows + repeated + 1
-    without = np.isnan(corners).any(axis=(1, 2))
+    laid = lay(corners, faces, Sheet(rows, repeated))
+    return Skin(
+        rows=rows,
+        repeated=repeated,
+        origin=laid.origin,
+        faces=laid.faces,
+        coordinates=laid.coordinates,
+        chart=chart,
+        pixel_face=face,
+        pixel_weights=weights,
+        covered=covered,
+    )
+
+
+def lay(corners: Floats, faces: Ints, sheet: Sheet) -> Laid:
+    """Lay a texture on a mesh, which is cut so that every vertex has one place in it.
+
+    Parameters
+    ----------
+    corners : ndarray, (m, 3, 2)
+        (v, u) of every corner as :func:`.files.texture.texture_corners` gives them; those of
+        faces without an image, or beyond the texture, are changed in place.
+    faces : ndarray, (m, 3)
+    sheet : Sheet
+    """
+    rows, width = sheet.shape
+    without = ~(corners[:, :, 1] <= width - 1.5).all(axis=1)
     corners[without] = (0.0, width - 1.0)
     origin, cut = _cut(faces, corners)
     places = np.zeros((len(origin), 2))
     places[cut.ravel()] = corners.reshape(-1, 2)
     coordinates = (places[:, ::-1] + 0.5) / (width, rows)
     coordinates[:, 1] = 1.0 - coordinates[:, 1]
-    return Skin(
-        chart=chart,
-        origin=origin,
-        faces=cut,
-        coordinates=coordinates.astype(np.float32),
-        rows=rows,
-        repeated=repeated,
-        pixel_face=face,
-        pixel_weights=weights,
-        covered=covered,
-    )
+    return Laid(rows, sheet.repeated, origin, cut, coordinates.astype(np.float32))
 
 
 def _cut(faces: Ints, corners: Floats) -> tuple[Ints, Ints]:
@@ -261,14 +301,14 @@ def _table(colours: Mapping[int, npt.ArrayLike]) -> npt.NDArray[np.float32]:
 
 
 class PaintedTexture:
-    """The pixels of a skin: a field's colours, and the annotations over it.
+    """The pixels of a texture: a field's colours, and the annotations over it.
 
     Parameters
     ----------
-    skin : Skin
+    skin : Sheet
     """
 
-    def __init__(self, skin: Skin) -> None:
+    def __init__(self, skin: Sheet) -> None:
         self._skin = skin
         self._columns = 2 * skin.rows
         self._base = np.full((skin.rows * self._columns, 3), 255, np.uint8)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import gc
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from napari_unwrap3d import load_movie
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
@@ -20,6 +23,7 @@ from napari_unwrap3d.viewer.threads import QuietCollector, quiet_collector
 from synthetic import make_atlas
 from viewer.hand import Hand
 from viewer.opened import coarsely_direct
+from viewer.playing import Projector, make_movie
 
 EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
 ON_REQUEST_NAMES = tuple(step.name for step in ON_REQUEST)
@@ -211,3 +215,18 @@ def upright_atlas(small_pipeline: Any) -> Atlas:
     groups["direct"]["rows"] = 64
     pipeline = Pipeline(small_pipeline.source, dict(small_pipeline.kept))
     return pipeline.run(Parameters.from_dict(groups), until="direct")
+
+
+@pytest.fixture(scope="session")
+def movie_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A small movie with all of its frames; copy it to change it."""
+    folder = tmp_path_factory.mktemp("movies") / "breathing"
+    make_movie(folder)
+    return folder
+
+
+@pytest.fixture
+def projector(make_napari_viewer: Any, movie_folder: Path, tmp_path: Path, qtbot: Any) -> Projector:
+    """A window that shows a copy of the movie."""
+    folder = shutil.copytree(movie_folder, tmp_path / "movie")
+    return Projector(make_napari_viewer(show=True), load_movie(folder), qtbot)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
@@ -11,7 +12,10 @@ from ..charts import Ints
 from ..errors import ParameterError
 from .lookup import Labels
 from .shapes import Shape, check_label
-from .state import Colour
+from .state import Colour, Drawn
+
+if TYPE_CHECKING:
+    from .times import Group
 
 Cover = npt.NDArray[np.int32]
 
@@ -73,6 +77,8 @@ class Annotation:
         The later ones lie over the earlier ones.
     colours : mapping
         Colours (r, g, b, a), 0 to 1, of labels that have one of their own.
+    group, timepoint : Group and int, or None
+        Of a movie: where it is of one timepoint only, see :mod:`.times`.
     """
 
     def __init__(self, size: int) -> None:
@@ -80,6 +86,37 @@ class Annotation:
         self.image: Layer | None = None
         self.shapes: tuple[Shape, ...] = ()
         self.colours: Mapping[int, Colour] = {}
+        self.group: Group | None = None
+        self.timepoint: int | None = None
+
+    @property
+    def empty(self) -> bool:
+        """Whether nothing is drawn."""
+        painted = self.surface.painted.any() or (
+            self.image is not None and self.image.painted.any()
+        )
+        return not (painted or self.shapes)
+
+    def drawn(self, name: str, shape: tuple[int, ...]) -> Drawn:
+        """A copy as plain data; `shape` is that of the image of uv."""
+        image = None if self.image is None else self.image.painted.reshape(shape).copy()
+        return Drawn(name, self.surface.painted.copy(), image, self.shapes, dict(self.colours))
+
+
+LONGEST_NAME = 100
+
+
+def checked_name(name: str) -> str:
+    """The name of an annotation or a point.
+
+    Raises
+    ------
+    ParameterError
+        It is no text, empty or too long.
+    """
+    if not isinstance(name, str) or not name.strip() or len(name) > LONGEST_NAME:
+        raise ParameterError(f"A name has 1 to {LONGEST_NAME} characters, not {name!r:.200}.")
+    return name
 
 
 def checked_colours(colours: Mapping[int, Colour]) -> dict[int, Colour]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import dataclass, field
 from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING
@@ -15,7 +14,8 @@ from psygnal import Signal
 
 from ..charts import Ints
 from ..errors import ParameterError
-from .annotation import Annotation, Cover, Layer, checked_colours
+from .annotation import Annotation, Cover, Layer, checked_colours, checked_name
+from .changes import Change
 from .charts import ON_UV
 from .edits import Delta, Dirty, Painting, Setting
 from .history import Edit, History
@@ -24,33 +24,10 @@ from .points import Points
 from .shapes import Overhang, Shape, check_label, checked_overhang
 from .state import Colour, Drawn, Position, State, checked_axis, moved
 from .tables import NOTHING, Tables
+from .times import Times
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
-
-LONGEST_NAME = 100
-
-
-@dataclass(frozen=True, eq=False)
-class Change:
-    """What an edit changed.
-
-    Attributes
-    ----------
-    name : str
-        Of the annotation.
-    vertices : ndarray, (k,) int64
-        The vertices of the surface whose label changed.
-    labels : ndarray, (k,) uint16
-        What they show now.
-    pixels : mapping
-        For every watched chart the pixels that changed: flat indices and what they show now.
-    """
-
-    name: str
-    vertices: Ints
-    labels: Labels
-    pixels: Mapping[str, tuple[Ints, Labels]] = field(default_factory=dict)
 
 
 class Annotations:
@@ -74,6 +51,10 @@ class Annotations:
         After annotations were added, removed or renamed, or their colours changed.
     points : Points
         Named points on the surface.
+    size : int
+        Number of vertices of the surface.
+    times : Times
+        Of a movie: which annotations are of one timepoint only.
     shaped : Signal (str)
         After the shapes of an annotation, of that name, changed.
     turned : Signal
@@ -87,7 +68,7 @@ class Annotations:
 
     def __init__(self, atlas: Atlas) -> None:
         self._atlas = atlas
-        self._size = len(atlas.surface.vertices)
+        self.size = len(atlas.surface.vertices)
         self._all: dict[str, Annotation] = {}
         self._overhang: Overhang = "column"
         self._axis: Position | None = None
@@ -97,6 +78,7 @@ class Annotations:
         self._relisted = False
         self._reshaped: list[Annotation] = []
         self.points = Points(atlas, self._do)
+        self.times = Times(self, self._do)
         self._history = History(self._settle)
 
     @property
@@ -119,16 +101,16 @@ class Annotations:
         ParameterError
             The name is empty, too long or taken.
         """
-        self._list({**self._all, self._free(name): Annotation(self._size)})
+        self._list({**self._all, self._free(name): Annotation(self.size)})
 
     def remove(self, name: str) -> None:
         """Remove an annotation with all of its labels and shapes."""
-        gone = self._annotation(name)
+        gone = self.annotation(name)
         self._list({key: kept for key, kept in self._all.items() if kept is not gone})
 
     def rename(self, old: str, new: str) -> None:
         """Give an annotation another name."""
-        renamed = self._annotation(old)
+        renamed = self.annotation(old)
         if old != new:
             free = self._free(new)
             self._list({free if a is renamed else n: a for n, a in self._all.items()})
@@ -138,7 +120,8 @@ class Annotations:
             raise ParameterError(f"There already is an annotation {name!r}.")
         return checked_name(name)
 
-    def _annotation(self, name: str) -> Annotation:
+    def annotation(self, name: str) -> Annotation:
+        """What a name stands for; :class:`ParameterError` where there is none."""
         if name not in self._all:
             raise ParameterError(
                 f"There is no annotation {name!r}.", hint=f"There are: {', '.join(self._all)}."
@@ -147,28 +130,75 @@ class Annotations:
 
     def colours(self, name: str) -> Mapping[int, Colour]:
         """Label to (r, g, b, a), 0 to 1, of the labels that have a colour of their own."""
-        return MappingProxyType(dict(self._annotation(name).colours))
+        return MappingProxyType(dict(self.annotation(name).colours))
 
     def set_colours(self, name: str, colours: Mapping[int, Colour]) -> None:
         """Give labels colours of their own, in the place of those that they had."""
-        annotation, after = self._annotation(name), checked_colours(colours)
+        annotation, after = self.annotation(name), checked_colours(colours)
         put = partial(self._put_colours, annotation)
         self._do(Setting(put, annotation.colours, after))
 
     def _put_colours(self, annotation: Annotation, colours: Mapping[int, Colour]) -> None:
-        annotation.colours, self._relisted = colours, True
+        self._relisted = True
+        for each in self.times.alike(annotation):
+            each.colours = colours
 
     def _list(self, after: dict[str, Annotation]) -> None:
         self._do(Setting(self._put_all, self._all, after))
 
     def _put_all(self, annotations: dict[str, Annotation]) -> None:
-        self._all, self._relisted = annotations, True
+        current = self.times.current
+        self._all = {name: current(each) for name, each in annotations.items()}
+        self._relisted = True
+
+    # Of one timepoint, see :class:`Times` ----------------------------------------------
+
+    def annotations(self) -> dict[str, Annotation]:
+        """What all names stand for."""
+        return dict(self._all)
+
+    def relist(self) -> None:
+        """Tell :attr:`listed` with the next edit."""
+        self._relisted = True
+
+    def exchange(self, name: str, other: Annotation) -> None:
+        """Let a name stand for another annotation, and tell what that changes to be seen."""
+        before = self.annotation(name)
+        self._all = {**self._all, name: other}
+        vertices = np.flatnonzero(before.surface.shown() != other.surface.shown())
+        pixels = NOTHING
+        if before.image is not None or other.image is not None:
+            images = self._image(before).shown(), self._image(other).shown()
+            pixels = np.flatnonzero(images[0] != images[1])
+        self._dirty.add(other, vertices, pixels)
+        if before.shapes or other.shapes:
+            self._reshaped.append(other)
+        self._settle()
+
+    def uv_image(self, annotation: Annotation) -> Labels:
+        """The label image (N, 2N) in uv of what a name may stand for."""
+        return self._image(annotation).shown().reshape(self.shape("uv")).copy()
+
+    def drawn(self, name: str, annotation: Annotation) -> Drawn:
+        """A copy as plain data."""
+        return annotation.drawn(name, self._atlas.uv.shape if self._atlas.has("uv") else ())
+
+    def made(self, part: Drawn) -> Annotation:
+        """An annotation of plain data."""
+        annotation = Annotation(self.size)
+        annotation.surface.painted[:] = part.labels
+        if part.image is not None:
+            annotation.image = Layer(part.image.astype(np.uint16).ravel())
+        annotation.colours = dict(part.colours)
+        if part.shapes:
+            self._put_shapes(annotation, part.shapes)
+        return annotation
 
     # Reading -----------------------------------------------------------------------
 
     def labels(self, name: str) -> Labels:
         """One label per vertex of the surface, (n,) uint16: painted, overlaid by shapes."""
-        shown = self._annotation(name).surface.shown().view()
+        shown = self.annotation(name).surface.shown().view()
         shown.setflags(write=False)
         return shown
 
@@ -187,12 +217,10 @@ class Annotations:
         ChartMissingError
             The atlas does not have the chart.
         """
-        annotation = self._annotation(name)
+        annotation = self.annotation(name)
         if chart == "uv" or chart in ON_UV:
-            uv = self._image(annotation).shown().copy()
-            return (
-                uv.reshape(self._atlas.uv.shape) if chart == "uv" else uv[self.tables.on_uv.pixel]
-            )
+            uv = self.uv_image(annotation)
+            return uv if chart == "uv" else uv.ravel()[self.tables.on_uv.pixel]
         return self.owners(chart).display(annotation.surface.shown())
 
     def owners(self, chart: str) -> Owners:
@@ -243,7 +271,7 @@ class Annotations:
         with self.stroke():
             for value in np.unique(values):
                 chosen = flat if values.ndim == 0 else flat[values.ravel() == value]
-                self._draw(self._annotation(name), chart, chosen, check_label(value))
+                self._draw(self.annotation(name), chart, chosen, check_label(value))
 
     def _draw(self, annotation: Annotation, chart: str, pixels: Ints, label: int) -> None:
         if chart in ON_UV:
@@ -253,8 +281,8 @@ class Annotations:
 
     def draw_vertices(self, name: str, vertices: npt.ArrayLike, label: int) -> None:
         """Draw a label at exactly these vertices of the surface; 0 erases."""
-        chosen = np.unique(flat_indices((vertices,), (self._size,)))
-        self._paint(self._annotation(name), chosen, check_label(label))
+        chosen = np.unique(flat_indices((vertices,), (self.size,)))
+        self._paint(self.annotation(name), chosen, check_label(label))
 
     def _paint(
         self, annotation: Annotation, vertices: Ints, label: int, pixels: Ints | None = None
@@ -286,7 +314,7 @@ class Annotations:
 
     def shapes(self, name: str, chart: str | None = None) -> tuple[Shape, ...]:
         """The shapes of an annotation, or those of one chart; later ones lie on top."""
-        shapes = self._annotation(name).shapes
+        shapes = self.annotation(name).shapes
         return tuple(shape for shape in shapes if chart in (None, shape.chart))
 
     def set_shapes(self, name: str, shapes: Iterable[Shape], chart: str | None = None) -> None:
@@ -299,7 +327,7 @@ class Annotations:
         ParameterError
             A shape is of another chart, or reaches too far beyond its image.
         """
-        annotation, given = self._annotation(name), tuple(shapes)
+        annotation, given = self.annotation(name), tuple(shapes)
         if any(chart not in (None, shape.chart) for shape in given):
             raise ParameterError(f"All of these shapes should be in {chart!r}.")
         for shape in given:
@@ -328,7 +356,7 @@ class Annotations:
         """What the shapes put over the surface's labels and over those of uv's image."""
         if not annotation.shapes:
             return None, None
-        surface = np.full(self._size, -1, np.int32)
+        surface = np.full(self.size, -1, np.int32)
         image = None
         if annotation.image is not None:
             image = np.full(len(annotation.image.painted), -1, np.int32)
@@ -352,11 +380,13 @@ class Annotations:
 
     def undo(self) -> None:
         """Take back the last stroke, whatever it edited."""
-        self._history.undo()
+        with self.times.telling():
+            self._history.undo()
 
     def redo(self) -> None:
         """Make the stroke again that was taken back last."""
-        self._history.redo()
+        with self.times.telling():
+            self._history.redo()
 
     @property
     def can_undo(self) -> bool:
@@ -390,27 +420,17 @@ class Annotations:
 
     def state(self) -> State:
         """A copy of everything that was drawn, which may be saved in a thread."""
-        drawn = []
-        for name, part in self._all.items():
-            image = None
-            if part.image is not None:
-                image = part.image.painted.reshape(self._atlas.uv.shape).copy()
-            labels = part.surface.painted.copy()
-            drawn.append(Drawn(name, labels, image, part.shapes, dict(part.colours)))
-        return State(tuple(drawn), dict(self.points.positions), self._overhang, self._axis)
+        drawn = tuple(self.drawn(n, each) for n, each in self._all.items() if each.group is None)
+        points, timed = dict(self.points.positions), self.times.state()
+        return State(drawn, points, self._overhang, self._axis, timed)
 
     def restore(self, state: State) -> None:
         """Put a state in the place of everything; nothing before can be undone any more."""
         self._all, self._relisted = {}, True
         for part in state.drawn:
-            annotation = Annotation(self._size)
-            annotation.surface.painted[:] = part.labels
-            if part.image is not None:
-                annotation.image = Layer(part.image.astype(np.uint16).ravel())
-            annotation.colours = dict(part.colours)
-            self._all[self._free(part.name)] = annotation
-            if part.shapes:
-                self._put_shapes(annotation, part.shapes)
+            self._all[self._free(part.name)] = self.made(part)
+        for name, annotation in self.times.restored(state.timed).items():
+            self._all[self._free(name)] = annotation
         self.overhang = state.overhang
         self.points.replace(state.points)
         self._put_axis(state.axis)
@@ -443,6 +463,7 @@ class Annotations:
             self._relisted = False
             self.listed.emit()
         for annotation, vertices, pixels in self._dirty.take():
+            self.times.note(annotation)
             if annotation in names and (len(vertices) or len(pixels)):
                 labels = annotation.surface.at(vertices)
                 parts = self._changed_pixels(annotation, vertices, pixels)
@@ -471,16 +492,3 @@ class Annotations:
                 flat = self.tables.on_uv.within.of(flat)
                 parts[chart] = flat, image.at(self.tables.on_uv.pixel[flat])
         return parts
-
-
-def checked_name(name: str) -> str:
-    """The name of an annotation or a point.
-
-    Raises
-    ------
-    ParameterError
-        It is no text, empty or too long.
-    """
-    if not isinstance(name, str) or not name.strip() or len(name) > LONGEST_NAME:
-        raise ParameterError(f"A name has 1 to {LONGEST_NAME} characters, not {name!r:.200}.")
-    return name

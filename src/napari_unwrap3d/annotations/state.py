@@ -45,6 +45,23 @@ class Drawn:
 
 
 @dataclass(frozen=True, eq=False)
+class DrawnInTime:
+    """What was drawn in one annotation of a movie that is another one at every timepoint.
+
+    Attributes
+    ----------
+    name : str
+    drawn : mapping of int to Drawn
+        By timepoint; those without anything drawn are left out.
+    colours : mapping of int to (r, g, b, a)
+    """
+
+    name: str
+    drawn: Mapping[int, Drawn]
+    colours: Mapping[int, Colour] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
 class State:
     """Everything that was drawn on a cell.
 
@@ -57,12 +74,15 @@ class State:
         "column" or "outermost".
     axis : (z, y, x) or None
         The axis of lateral speeds, a unit vector.
+    timed : tuple of DrawnInTime
+        Of a movie; these are kept with the movie, not in a project.
     """
 
     drawn: tuple[Drawn, ...] = ()
     points: Mapping[str, Position] = field(default_factory=dict)
     overhang: Overhang = "column"
     axis: Position | None = None
+    timed: tuple[DrawnInTime, ...] = ()
 
 
 def checked_axis(direction: npt.ArrayLike | None) -> Position | None:
@@ -115,7 +135,8 @@ def moved(annotations: Annotations, atlas: Atlas) -> State:
                 part.colours,
             )
         )
-    return State(tuple(drawn), state.points, state.overhang, state.axis)
+    timed = state.timed if same["uv"] and same["surface"] else ()
+    return State(tuple(drawn), state.points, state.overhang, state.axis, timed)
 
 
 # What a chart's pixels depend on.

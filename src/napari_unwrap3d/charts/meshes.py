@@ -170,7 +170,8 @@ class Sphere(TriangleMesh):
     iteration : int or None
         Of the advection, the iteration that was taken.
     target : str
-        "reference" or "uniform": which areas an equiareal sphere has.
+        "reference" or "uniform": which areas an equiareal sphere has; "common": aligned with
+        another timepoint's, it has those that the same places have there.
     criterion, criterion_value : str, float
         What chose the blend or the iteration, and its value there.
     criterion_history : ndarray, (k, 2)

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..annotations.annotation import checked_colours
-from ..annotations.annotations import Annotations, checked_name
+from ..annotations.annotation import checked_colours, checked_name
+from ..annotations.annotations import Annotations
 from ..annotations.shapes import Shape, check_reach, checked_overhang
 from ..annotations.state import Drawn, State, checked_axis
 from ..errors import FileFormatError, InputError, ParameterError

@@ -11,7 +11,10 @@ Layout::
     common.json                 which common space, why, and its key
     common.unwrap3d             the atlas of the common space, with its annotations
     frames/00012.zip            the frame
+    annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
+    guides/00012.zip            there, the mesh that tells which place of its surface is which
+    failures/00012.json         why the timepoint could not be made and is left out
 """
 
 from __future__ import annotations
@@ -25,9 +28,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..charts import Frame, Mask
+from ..charts import Frame, Mask, Surface
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
+from ..progress import Progress, silent
 from .atomic import replacing, write_json
 from .project import MOVIE, SUFFIX, read_record, record_key, record_numbers, write_record
 
@@ -63,7 +67,7 @@ class MovieFolder:
         FileFormatError
             The folder is no movie, or of another version.
         """
-        found = _read_json(self.path / MOVIE)
+        found = read_json(self.path / MOVIE)
         if found is None or found.get("format") != FORMAT:
             raise FileFormatError(
                 f"{self.path.name!r} is no movie of napari-unwrap3d.",
@@ -82,7 +86,7 @@ class MovieFolder:
 
     def registered(self, timepoint: int, key: str | None = None) -> Registered | None:
         """Where a timepoint lies, if that was found, for this key if one is given."""
-        found = _read_json(self._piece("registration", timepoint, ".json"))
+        found = read_json(self._piece("registration", timepoint, ".json"))
         if found is None or key not in (None, found.get("key")):
             return None
         return Registered.from_plain(found)
@@ -105,8 +109,12 @@ class MovieFolder:
 
     def common(self) -> dict[str, Any] | None:
         """The record of the common space, if one was made: ``key``, ``method``, ``reason`` …"""
-        found = _read_json(self.path / COMMON_RECORD)
+        found = read_json(self.path / COMMON_RECORD)
         return found if (self.path / COMMON).is_file() else None
+
+    def drop_common(self) -> None:
+        """Forget the record: while the atlas is replaced, it is of no key."""
+        (self.path / COMMON_RECORD).unlink(missing_ok=True)
 
     def keep_common(self, record: Mapping[str, Any]) -> None:
         """Keep the record; the atlas must be there."""
@@ -138,24 +146,58 @@ class MovieFolder:
         path = self._piece("frames", frame.timepoint, ".zip")
         write_record(path, {"frame": frame}, key, frame.numbers)
 
+    def numbers(self, stage: str, timepoint: int) -> dict[str, Any]:
+        """What was measured in a stage of a timepoint; empty where nothing was."""
+        kind = {"segment": "masks", "frame": "frames"}.get(stage)
+        return record_numbers(self._piece(kind, timepoint, ".zip")) if kind else {}
+
+    def failure(self, timepoint: int) -> dict[str, Any] | None:
+        """Why a timepoint could not be made: ``stage`` and ``reason``; None if it could."""
+        return read_json(self._piece("failures", timepoint, ".json"))
+
+    def keep_failure(self, timepoint: int, stage: str, reason: str) -> None:
+        """Note that a timepoint could not be made: it is left out of the movie, and so is a frame
+        of it that was made from something else.
+        """
+        self._piece("frames", timepoint, ".zip").unlink(missing_ok=True)
+        write_json(self._piece("failures", timepoint, ".json"), {"stage": stage, "reason": reason})
+
+    def drop_failure(self, timepoint: int) -> None:
+        self._piece("failures", timepoint, ".json").unlink(missing_ok=True)
+
     def atlas_path(self, timepoint: int) -> Path:
         """The own atlas of a timepoint (common space "each")."""
         return self._piece("frames", timepoint, SUFFIX)
+
+    def guide(self, timepoint: int, key: str) -> Surface | None:
+        """The mesh that tells which place of a timepoint is which, if it is of this key."""
+        path = self._piece("guides", timepoint, ".zip")
+        if record_key(path) != key:
+            return None
+        guide: Surface = read_record(path)[0]["guide"]
+        return guide
+
+    def keep_guide(self, timepoint: int, key: str, guide: Surface) -> None:
+        write_record(self._piece("guides", timepoint, ".zip"), {"guide": guide}, key, {})
 
     def _piece(self, kind: str, timepoint: int, suffix: str) -> Path:
         return self.path / kind / f"{timepoint:05d}{suffix}"
 
     # One file ----------------------------------------------------------------------
 
-    def pack(self, target: Path) -> Path:
+    def pack(self, target: Path, progress: Progress | None = None) -> Path:
         """Everything in one ``*.unwrap3d`` file, which :func:`unpack` opens."""
+        report = progress if progress is not None else silent()
         target = target if target.suffix == SUFFIX else target.with_name(target.name + SUFFIX)
         self.manifest()
         with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
-            for entry in sorted(self.path.rglob("*")):
+            entries = [entry for entry in sorted(self.path.rglob("*")) if entry.is_file()]
+            for index, entry in enumerate(entries):
                 name = entry.relative_to(self.path)
-                if entry.is_file() and not any(part.startswith(".") for part in name.parts):
+                report(index / len(entries), f"writing {name.as_posix()}")
+                if not any(part.startswith(".") for part in name.parts):
                     archive.write(entry, name.as_posix())
+        report(1.0, "saved")
         return target
 
 
@@ -194,7 +236,7 @@ def read_movie_summary(path: str | Path) -> dict[str, Any]:
         for entry in {MOVIE, COMMON_RECORD} & names:
             archive.extract(entry, name)
         manifest = MovieFolder(Path(name)).manifest()
-        common = _read_json(Path(name) / COMMON_RECORD)
+        common = read_json(Path(name) / COMMON_RECORD)
     frames = sum(each.startswith("frames/") and each.endswith(".zip") for each in names)
     return {**manifest, "common": common, "frames": frames}
 
@@ -228,7 +270,8 @@ def unpack(source: Path, folder: Path) -> MovieFolder:
     return MovieFolder(folder)
 
 
-def _read_json(path: Path) -> dict[str, Any] | None:
+def read_json(path: Path) -> dict[str, Any] | None:
+    """What a file holds; None where there is none."""
     try:
         found = json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import FileFormatError, InputError
+from ..progress import Progress, silent
 from .atomic import replacing
 from .metadata import Found, micrometres, seconds
 from .tiff import STORED, check_axes, damaged
@@ -120,6 +121,7 @@ def write_ome_zarr(
     origin: Mapping[str, float] | None = None,
     time_step: float | None = None,
     channels: Sequence[str] = (),
+    progress: Progress | None = None,
 ) -> Path:
     """Write an OME-Zarr image (v0.5, one level); the folder appears at once when complete.
 
@@ -128,7 +130,8 @@ def write_ome_zarr(
     path : path
         Best ends in ``.ome.zarr``. An image that is there is replaced.
     data : array-like
-        Booleans are stored as uint8, float64 as float32.
+        Booleans are stored as uint8, float64 as float32. A dask array is computed and written
+        one by one along its first axis; the range of its channels is that of the first.
     axes : str
         Letters out of ``tczyx`` in this order, as in
         :func:`~napari_unwrap3d.files.tiff.write_image`.
@@ -139,6 +142,7 @@ def write_ome_zarr(
         Seconds.
     channels : sequence of str
         Names along the c axis.
+    progress : Progress, optional
 
     Raises
     ------
@@ -149,18 +153,38 @@ def write_ome_zarr(
     """
     import zarr
 
-    path, array = Path(path), np.asarray(data)
+    lazy = hasattr(data, "compute")
+    path, array = Path(path), data if lazy else np.asarray(data)
     check_axes(array, axes, channels)
     if array.dtype.kind not in "biuf":
         raise InputError("An image holds real numbers.", dtype=str(array.dtype))
     array = array.astype(STORED.get(array.dtype.name, array.dtype), copy=False)
     described = _description(path.name, axes, sizes or {}, origin or {}, time_step)
     if channels:
-        described["omero"] = {"channels": _channels(array, axes.index("c"), channels)}
+        shown = np.asarray(array[:1]) if lazy else array
+        described["omero"] = {"channels": _channels(shown, axes.index("c"), channels)}
     with replacing(path) as partial:
         group = zarr.create_group(partial, zarr_format=3, attributes={"ome": described})
-        group.create_array("0", data=array, chunks=_chunks(array, axes), dimension_names=[*axes])
+        stored = group.create_array(
+            "0",
+            shape=array.shape,
+            dtype=array.dtype,
+            chunks=_chunks(array, axes),
+            dimension_names=[*axes],
+        )
+        if lazy:
+            _write_one_by_one(stored, array, progress or silent())
+        else:
+            stored[...] = array
     return path
+
+
+def _write_one_by_one(stored: Any, lazy: Any, progress: Progress) -> None:
+    """Compute and write along the first axis; memory is that of one."""
+    for index in range(len(lazy)):
+        progress(index / len(lazy), f"writing {index + 1} of {len(lazy)}")
+        stored[index] = np.asarray(lazy[index])
+    progress(1.0)
 
 
 def _description(

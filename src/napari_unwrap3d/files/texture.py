@@ -16,7 +16,6 @@ import numpy.typing as npt
 from ..charts import Floats, Ints, check_mesh_arrays
 from ..errors import AxesError, InputError, MeshError
 from ..unwrapping.surface import same_mesh
-from ..unwrapping.topographic_surface import cut_at_seam
 from ..unwrapping.uv import direction_to_uv
 from .atomic import replacing
 from .drawing import curvature_colours, sequential
@@ -155,11 +154,11 @@ def texture_corners(vu: Floats, faces: Ints, rows: int) -> Floats:
         with a corner without image.
     """
     vu, faces = _poles_split(vu, faces, rows)
-    image = np.column_stack([np.zeros(len(vu)), vu])
-    cut, cut_faces, _ = cut_at_seam(image, faces, rows)
-    has_image = np.isfinite(vu[faces]).all(axis=(1, 2))
-    corners = np.full((len(faces), 3, 2), np.nan)
-    corners[has_image] = cut[cut_faces][:, :, 1:]
+    corners = vu[faces]
+    corners[~np.isfinite(corners).all(axis=(1, 2))] = np.nan
+    u = corners[:, :, 1]
+    # As cut_at_seam does it; False for NaN.
+    corners[:, :, 1] += 2.0 * rows * ((np.ptp(u, axis=1) > rows)[:, None] & (u < rows))
     _shrink_around_poles(corners, rows)
     return corners
 

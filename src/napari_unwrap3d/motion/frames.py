@@ -26,6 +26,7 @@ from ..unwrapping.surface import surface
 from ..unwrapping.topographic_surface import cut_at_seam
 from ..unwrapping.topography import TopographyLocator, to_grid
 from ..unwrapping.uv import pixel_distortion
+from .projection import OUTERMOST, PLANE, Images, plane_images
 from .signals import Signals
 
 AREA = "area_um2"
@@ -104,8 +105,34 @@ def frame_of(
     """
     cell = surface(mask, parameters.surface, given, progress.part(0.0, 0.4))
     image = space.locate(cell.vertices, progress.part(0.4, 0.6))
+    part = progress.part(0.6, 1.0)
+    return frame_at(
+        space, cell, image, mask, stack, registered, timepoint, time_s, parameters, part
+    )
+
+
+def frame_at(
+    space: CommonSpace,
+    cell: Surface,
+    image: Floats,
+    mask: Mask,
+    stack: Stack | None,
+    registered: Registered,
+    timepoint: int,
+    time_s: float,
+    parameters: Parameters,
+    progress: Progress,
+) -> Frame:
+    """The record of a surface whose place in a space is known; see :func:`frame_of`.
+
+    Parameters
+    ----------
+    cell : Surface
+    image : ndarray, (n, 3)
+        (d µm, v, u) of its vertices.
+    """
     chart = space.topography_of(cell, image)
-    outside = (~np.isfinite(image).all(axis=1)).astype(np.float32)
+    outside = np.asarray(~np.isfinite(image).all(axis=1), np.float32)
     fields: dict[str, npt.NDArray[Any]] = {
         HEIGHT: image[:, 0],
         AREA: elements(cell),
@@ -113,27 +140,36 @@ def frame_of(
     }
     if stack is not None:
         signals = Signals.chosen(stack, parameters.movie)
-        fields |= signals.at(cell.vertices, mask, registered, progress.part(0.6, 0.9))
+        fields |= signals.at(cell.vertices, mask, registered, progress.part(0.0, 0.4))
     cell = cell.with_fields(**fields)
-    progress(0.9, "images")
+    progress(0.4, "images")
     outermost = OutermostSurface(cell, chart)
+    shown: Images | None = None
+    numbers: Mapping[str, Any] = {"projection": OUTERMOST}
+    if parameters.movie.projection == PLANE:
+        part = progress.part(0.4, 0.9)
+        visible = replace(cell, fields=_shown(cell))
+        shown, numbers = plane_images(visible, chart, space.atlas.uv, mask, parameters, part)
     return Frame(
         timepoint=timepoint,
         time_s=time_s,
         surface=cell,
         topography=image,
-        uv=images(outermost, cell),
+        uv=images(outermost, cell) if shown is None else shown,
         mask=mask,
-        numbers=measured(cell, outermost, space),
+        numbers={**measured(cell, outermost, space), **numbers},
     )
+
+
+def _shown(cell: Surface) -> dict[str, npt.NDArray[Any]]:
+    """The fields that have an image: the others are of vertices alone."""
+    return {name: v for name, v in cell.fields.items() if name not in (AREA, OUTSIDE)}
 
 
 def images(outermost: OutermostSurface, cell: Surface) -> dict[str, npt.NDArray[np.float32]]:
     """Every field of a surface over the pixels, and the area element of S^t(u, v)."""
     found = {
-        name: outermost.image(values).astype(np.float32)
-        for name, values in cell.fields.items()
-        if name not in (AREA, OUTSIDE)
+        name: outermost.image(values).astype(np.float32) for name, values in _shown(cell).items()
     }
     positions = np.stack([outermost.image(axis) for axis in cell.vertices.T], axis=-1)
     found[AREA] = pixel_distortion(positions)[AREA].astype(np.float32)

@@ -24,12 +24,16 @@ from ..progress import Progress
 from .common import EACH
 from .stages import MovieWork, stages
 from .timelapse import Source, Timelapse
+from .views import atlas_in, own_atlas
 
 if TYPE_CHECKING:
     import dask.array
     import pandas as pd
 
+    from ..annotations import State
+
 FRAMES_IN_MEMORY = 4
+ATLASES_IN_MEMORY = 2
 COMPARED = ("residual_before", "residual", "corresponding")
 CHECKED = (
     "area_um2",
@@ -61,6 +65,7 @@ class Movie:
     def __post_init__(self) -> None:
         self._manifest = self.folder.manifest()
         self._frames = lru_cache(FRAMES_IN_MEMORY)(self.folder.frame)
+        self._atlases: dict[int, tuple[str | None, Atlas]] = {}
 
     @classmethod
     def open(cls, path: str | Path, work: MovieWork | None = None) -> Movie:
@@ -85,6 +90,12 @@ class Movie:
         """The movie, whose folder goes with it."""
         weakref.finalize(self, shutil.rmtree, self.folder.path, ignore_errors=True)
         return self
+
+    def go_on_with(self, work: MovieWork) -> None:
+        """Its frames are those of other parameters now; the common space stays."""
+        self.work, self._manifest = work, self.folder.manifest()
+        self.__dict__.pop("parameters", None)
+        self._frames.cache_clear()
 
     # What it is of -----------------------------------------------------------------
 
@@ -117,12 +128,27 @@ class Movie:
 
     @cached_property
     def common(self) -> Atlas:
-        """The atlas of the common space: of the temporal mean, or of one timepoint."""
+        """The atlas of the common space: of the temporal mean, or of one timepoint.
+
+        What was drawn on it is in its annotations; what was drawn on single timepoints is in
+        their :class:`~napari_unwrap3d.annotations.times.Times`.
+        """
+        from ..files.movie_annotations import restore_timed
         from ..files.project import load_project
 
         if self.folder.common() is None:
             raise InputError("The movie has no common space yet.", hint="Call compute().")
-        return load_project(self.folder.common_path)
+        atlas = load_project(self.folder.common_path)
+        restore_timed(self.folder, atlas)
+        return atlas
+
+    def has_common(self, atlas: Atlas | None) -> bool:
+        """Whether an atlas is the one of its common space; nothing is read for it."""
+        return atlas is not None and self.__dict__.get("common") is atlas
+
+    def use_common(self, atlas: Atlas) -> None:
+        """Take an atlas that was read from its folder already: what is drawn on it is its own."""
+        self.__dict__["common"] = atlas
 
     @property
     def record(self) -> dict[str, Any]:
@@ -137,6 +163,11 @@ class Movie:
             return self.folder.has_frame(timepoint, self.work.frame_key(timepoint))
         return self.folder.frame_key(timepoint) is not None
 
+    def is_lost(self, timepoint: int) -> bool:
+        """Whether a timepoint has no frame because it could not be made (in a batch)."""
+        lost = self.work is None or self.folder.failure(timepoint) is not None
+        return lost and not self.has_frame(timepoint)
+
     def frame(self, timepoint: int, progress: Progress | None = None) -> Frame:
         """One timepoint in the common space; made first if it is not there.
 
@@ -148,6 +179,13 @@ class Movie:
         if not 0 <= timepoint < len(self):
             raise InputError(f"There is no timepoint {timepoint}.", timepoints=len(self))
         if not self.has_frame(timepoint):
+            failure = self.folder.failure(timepoint)
+            if failure is not None:
+                raise InputError(
+                    f"Timepoint {timepoint} could not be made: {failure['reason']}",
+                    stage=failure["stage"],
+                    hint="Run the batch again to try it once more.",
+                )
             if self.work is None:
                 raise InputError(
                     f"The frame of timepoint {timepoint} was not made.",
@@ -157,26 +195,73 @@ class Movie:
             self._frames.cache_clear()
         return self._frames(timepoint)
 
+    def atlas(self, timepoint: int, progress: Progress | None = None) -> Atlas:
+        """One timepoint as the atlas of a cell, made when it is asked for.
+
+        In a common space its reference, sphere and (d, u, v) space are those of all timepoints;
+        where every timepoint has its own, it is that one, aligned with the common one.
+
+        Raises
+        ------
+        InputError
+            As :meth:`frame`.
+        """
+        frame = self.frame(timepoint, progress)
+        key = self.folder.frame_key(timepoint)
+        kept = self._atlases.pop(timepoint, None)
+        if kept is None or kept[0] != key:
+            kept = (key, self._atlas_of(frame, progress or Progress()))
+        while len(self._atlases) >= ATLASES_IN_MEMORY:
+            del self._atlases[next(iter(self._atlases))]
+        self._atlases[timepoint] = kept
+        return kept[1]
+
+    def _atlas_of(self, frame: Frame, progress: Progress) -> Atlas:
+        from ..files.project import load_project
+
+        source = {
+            "name": f"{self.name}, timepoint {frame.timepoint}",
+            "kind": "movie",
+            "hash": self.folder.frame_key(frame.timepoint),
+        }
+        if self.record.get("method") == EACH:
+            own = load_project(self.folder.atlas_path(frame.timepoint), progress)
+            return own_atlas(own, frame, source)
+        return atlas_in(self.common, frame, source, progress)
+
     def frames(self) -> Iterator[Frame]:
-        """All frames in the order of time, one in memory at a time."""
+        """All frames in the order of time, one in memory at a time; lost ones are left out."""
         for timepoint in range(len(self)):
-            yield self.frame(timepoint)
+            if not self.is_lost(timepoint):
+                yield self.frame(timepoint)
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the uv stacks."""
-        return tuple(self.frame(0).uv)
+        return tuple(self._first().uv)
+
+    def _first(self) -> Frame:
+        """The first frame that there is."""
+        found = next(self.frames(), None)
+        if found is None:
+            raise InputError("The movie has no frame.", timepoints=len(self))
+        return found
 
     def uv(self, name: str) -> dask.array.Array:
-        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time."""
+        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time.
+
+        Of lost timepoints it is NaN.
+        """
         import dask.array
 
-        first = self.frame(0).uv
+        first = self._first().uv
         if name not in first:
             raise InputError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(first)}.")
 
         def image(block_info: Any = None) -> npt.NDArray[Any]:
             timepoint = block_info[None]["chunk-location"][0]
+            if self.is_lost(timepoint):
+                return np.full((1, *first[name].shape), np.nan, first[name].dtype)
             return self.frame(timepoint).uv[name][None]
 
         stacked: dask.array.Array = dask.array.map_blocks(  # type: ignore[no-untyped-call]
@@ -280,9 +365,24 @@ class Movie:
 
     # Files -------------------------------------------------------------------------
 
-    def save(self, path: str | Path) -> Path:
+    def keep_annotations(self, state: State | None = None) -> None:
+        """Write what was drawn on the common space, and on single timepoints, into the folder.
+
+        Parameters
+        ----------
+        state : State, optional
+            ``movie.common.annotations.state()``, where it is drawn on while this runs.
+        """
+        from ..files.movie_annotations import keep_annotations
+
+        keep_annotations(self.folder, state or self.common.annotations.state())
+
+    def save(self, path: str | Path, progress: Progress | None = None) -> Path:
         """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
-        return self.folder.pack(Path(path))
+        drawn = self.__dict__["common"].annotated if "common" in self.__dict__ else None
+        if drawn is not None:
+            self.keep_annotations(drawn.state())
+        return self.folder.pack(Path(path), progress)
 
 
 def unwrap_movie(

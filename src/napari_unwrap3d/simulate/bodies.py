@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 import numpy.typing as npt
@@ -81,7 +82,7 @@ class Body:
         samples = self.samples(5000)
         return samples.min(axis=0), samples.max(axis=0)
 
-    def moved(self, pose: Rigid) -> Body:
+    def moved(self, pose: Rigid) -> Self:
         """The same body elsewhere, and turned."""
         return replace(
             self,
@@ -90,7 +91,7 @@ class Body:
             waves=self.waves @ pose.rotation.T,
         )
 
-    def scaled(self, factor: float) -> Body:
+    def scaled(self, factor: float) -> Self:
         """The same shape, `factor` times as large."""
         return replace(self, semi_axes=self.semi_axes * factor)
 
@@ -128,14 +129,22 @@ class StandingBody(Body):
         radius: Floats = np.minimum(free, to_floor) - overlap**2 / (4 * self.edge_um)
         return radius
 
-    def moved(self, pose: Rigid) -> StandingBody:
-        """The same body elsewhere, and turned."""
-        return replace(super().moved(pose), up=pose.rotation @ self.up)
+    def level(self, points: Floats) -> Floats:
+        """Distance (...) in µm above the surface, along the ray; cut off deep inside."""
+        # Around the centre rays turn quickly, and so would their lengths to the floor.
+        level: Floats = np.maximum(super().level(points), -0.6 * self.floor_um)
+        return level
 
-    def scaled(self, factor: float) -> StandingBody:
+    def moved(self, pose: Rigid) -> Self:
+        """The same body elsewhere, and turned."""
+        moved = super().moved(pose)
+        return replace(moved, up=pose.rotation @ self.up)
+
+    def scaled(self, factor: float) -> Self:
         """The same shape, `factor` times as large."""
+        scaled = super().scaled(factor)
         return replace(
-            super().scaled(factor),
+            scaled,
             floor_um=self.floor_um * factor,
             edge_um=self.edge_um * factor,
         )

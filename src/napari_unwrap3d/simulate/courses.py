@@ -11,8 +11,10 @@ from scipy.interpolate import PchipInterpolator
 from scipy.special import erf
 
 from ..charts import Floats
+from ..errors import ParameterError
 
 NOISE_PERIODS_S = (5.0, 30.0)
+NOISE_PERIOD_RATIO = NOISE_PERIODS_S[1] / NOISE_PERIODS_S[0]
 NOISE_WAVES = 8
 STEP_S = 0.2
 RAMP_S = 2.0
@@ -35,6 +37,16 @@ class Lifetimes:
     median_s: float = 22.0
     spread: float = 0.6
 
+    def __post_init__(self) -> None:
+        if not (0 <= self.least_s < self.median_s < np.inf and 0 <= self.spread <= 2):
+            raise ParameterError(
+                "These are no lifetimes.",
+                least_s=self.least_s,
+                median_s=self.median_s,
+                spread=self.spread,
+                hint="The lifetimes' least is below their median; their spread is 0 to 2.",
+            )
+
     def draw(self, rng: np.random.Generator) -> float:
         """One lifetime in s."""
         more = self.median_s - self.least_s
@@ -43,7 +55,7 @@ class Lifetimes:
     def cdf(self, seconds: npt.ArrayLike) -> Floats:
         """Which part of all lifetimes is at most that long."""
         more = np.maximum(np.asarray(seconds, float) - self.least_s, 1e-12)
-        deviation = np.log(more / (self.median_s - self.least_s)) / self.spread
+        deviation = np.log(more / (self.median_s - self.least_s)) / max(self.spread, 1e-9)
         below: Floats = 0.5 * (1.0 + erf(deviation / np.sqrt(2.0)))
         return below
 
@@ -79,6 +91,8 @@ class Course:
     times_s, sizes : ndarray, (n,)
         Between these the size is interpolated, monotonically.
     cycles : tuple of Cycle
+    linear : bool
+        The rates between the times are constant.
     """
 
     times_s: Floats
@@ -102,6 +116,16 @@ class Course:
     def peak_s(self) -> float:
         """When it is largest."""
         return max(self.cycles, key=lambda cycle: cycle.peak).peak_s
+
+    def rates(self, height_um: float) -> dict[str, float]:
+        """Constant rates in µm/min at which something that high extends and retracts."""
+        if not self.linear:
+            return {}
+        extension, _, retraction = np.diff(self.times_s)
+        return {
+            "extension_um_per_min": 60.0 * height_um / float(extension),
+            "retraction_um_per_min": 60.0 * height_um / float(retraction),
+        }
 
     def size(self, time_s: npt.ArrayLike) -> Floats:
         """Parts of the largest size, 0 before the birth and after the end."""
@@ -153,6 +177,16 @@ def draw_cycles(
         times += [begin + expanding + plateau, begin + length]
         sizes += [0.93 * peak, 0.0 if last else float(between[number])]
     return Course(np.array(times), np.array(sizes), tuple(cycles))
+
+
+def straight_course(
+    birth_s: float, extension_s: float, stay_s: float, retraction_s: float
+) -> Course:
+    """A course at constant rates: extension, a stay, retraction."""
+    times = birth_s + np.cumsum([0.0, extension_s, stay_s, retraction_s])
+    middle = float(times[1] + stay_s / 2)
+    cycle = Cycle(birth_s, middle, float(times[3]), 1.0)
+    return Course(times, np.array([0.0, 1.0, 1.0, 0.0]), (cycle,), linear=True)
 
 
 @dataclass(frozen=True)
@@ -230,7 +264,7 @@ def draw_follower(
     """A follower of what is given every :data:`STEP_S` from the start of the span."""
     times = span_s[0] + STEP_S * np.arange(len(followed))
     amplitudes = rng.normal(size=NOISE_WAVES)
-    periods = np.exp(rng.uniform(*np.log(NOISE_PERIODS_S), NOISE_WAVES))
+    periods = NOISE_PERIODS_S[0] * NOISE_PERIOD_RATIO ** rng.uniform(0, 1, NOISE_WAVES)
     phases = rng.uniform(0, 2 * np.pi, NOISE_WAVES)
     waves = np.cos(2 * np.pi * times[:, None] / periods + phases) @ amplitudes
     change = followed - followed.mean()

@@ -48,5 +48,6 @@ def _walk(rng: np.random.Generator, timepoints: int) -> Floats:
     """A smooth random walk (timepoints, 3) from 0."""
     steps = rng.normal(size=(timepoints, 3))
     steps = ndimage.gaussian_filter1d(steps, SMOOTH_TIMEPOINTS, axis=0, mode="reflect")
-    walk: Floats = np.cumsum(steps, axis=0)
-    return walk - walk[0]
+    walk = np.cumsum(steps, axis=0)
+    start_at_rest: Floats = walk - walk[0]
+    return start_at_rest

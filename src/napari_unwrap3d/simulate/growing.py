@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
-from functools import cached_property
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -14,8 +12,11 @@ from ..charts import Floats
 from ..geometry.rigid import Rigid
 from .bodies import Body
 from .courses import STEP_S, Course, Follower, SignalLaw, draw_follower
+from .microscope import fluorescence
+from .moments import Moment, Row, place
 from .protrusions import Shape
-from .solids import Field, Solid, Union, body_field, shape_field
+from .recording import Texture, cortical
+from .solids import Field, Union, body_field, shape_field
 
 # The signal follows the curvature of a protrusion on it, and the opposite one of the ring
 # around its foot: at these distances from the protrusion in µm, so much of it.
@@ -23,14 +24,25 @@ REACH_UM = 0.9
 AROUND_UM = (0.0, 0.12, 0.3, 0.55, REACH_UM)
 PART = (1.0, 0.0, -0.6, -0.25, 0.0)
 LEAST_SIGNAL = 0.05
+DERIVATIVE_STEP_S = 0.01
 
 
 class Former(Protocol):
     """Makes the shape of a protrusion of some size."""
 
     @property
+    def base(self) -> Floats:
+        """Its foot (z, y, x) in µm on the body."""
+        ...
+
+    @property
     def height_um(self) -> float:
-        """Of the largest size above the body."""
+        """Of the largest size above the body; of a filopodium its length."""
+        ...
+
+    @property
+    def bud(self) -> float:
+        """The size at which its foot is as wide as that of the grown one."""
         ...
 
     def shape(self, size: float) -> Shape:
@@ -52,8 +64,6 @@ class Protrusion:
         From 1, in the order of birth; its label in every volume.
     site : int
         Protrusions that grew one after another at one place have the same.
-    base_um : ndarray, (3,)
-        Its foot (z, y, x) on the body, in the cell's own world.
     former : Former
     course : Course
     follower : Follower
@@ -62,7 +72,6 @@ class Protrusion:
 
     identity: int
     site: int
-    base_um: Floats
     former: Former
     course: Course
     follower: Follower
@@ -76,19 +85,22 @@ class Protrusion:
     def lead(self, time_s: npt.ArrayLike) -> Floats:
         """What of its curvature the signal follows now, in parts of the largest curvature."""
         earlier = np.asarray(time_s, float) - self.follower.law.lag_s
-        largest = float(self.former.curvature(1.0))
-        return self.follower.value(time_s, self.curvature(earlier) / largest)
+        return self.follower.value(time_s, self.curvature(earlier) / self.largest_curvature)
+
+    @property
+    def largest_curvature(self) -> float:
+        """In 1/µm: that of the grown protrusion."""
+        return float(self.former.curvature(1.0))
 
     def led(self, time_s: float) -> bool:
         """Whether shape or signal show something of it."""
         return self.course.birth_s < time_s < self.course.end_s + self.follower.law.lag_s
 
 
-def protrusion(
+def draw_protrusion(
     rng: np.random.Generator,
     identity: int,
     site: int,
-    base_um: Floats,
     former: Former,
     course: Course,
     law: SignalLaw,
@@ -98,29 +110,7 @@ def protrusion(
     times = np.arange(first, last, STEP_S)
     curvature = former.curvature(course.size(times - law.lag_s)) / float(former.curvature(1.0))
     follower = draw_follower(rng, law, (first, last), curvature)
-    return Protrusion(identity, site, base_um, former, course, follower)
-
-
-@dataclass(frozen=True, eq=False)
-class Moment:
-    """A cell at one time on the working grid.
-
-    Attributes
-    ----------
-    field : ndarray, (z, y, x) float32
-        Signed distance in µm to the surface, negative inside.
-    mask, body : ndarray, (z, y, x) bool
-    labels : ndarray, (z, y, x) int32
-        Identities in the mask outside the body, else 0.
-    signal : ndarray, (z, y, x) float32
-        Near the surface: what the second dye is multiplied by.
-    """
-
-    field: Field
-    mask: Solid
-    body: Solid
-    labels: npt.NDArray[np.int32]
-    signal: Field
+    return Protrusion(identity, site, former, course, follower)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,6 +122,7 @@ class GrowingCell:
     body : Body
         In the cell's own world.
     protrusions : tuple of Protrusion
+        In the order of birth.
     law : SignalLaw
     size, voxel_um
         Of the working grid.
@@ -142,36 +133,100 @@ class GrowingCell:
     law: SignalLaw
     size: int
     voxel_um: float
-    around: tuple[float, ...] = field(default=AROUND_UM)
 
     def moment(self, time_s: float, pose: Rigid) -> Moment:
         """The cell at a time, where a pose puts it."""
         union = Union.of(body_field(self.body.moved(pose), self.size, self.voxel_um))
         body = union.field < 0
-        signal = np.ones_like(union.field)
+        grid = union.field.shape
+        signal, curvature = np.ones_like(union.field), np.zeros_like(union.field)
         for one in self.protrusions:
             if not one.led(time_s):
                 continue
             size = float(one.course.size(time_s))
-            shape = placed(one.former.shape(size), pose)
-            box, distance = shape_field(shape, union.field.shape, self.voxel_um, REACH_UM)
-            if distance.size == 0:
-                continue
-            if size > 0:
+            # The signal stays on the whole foot while the protrusion shrinks, and after it.
+            marked = max(size, one.former.bud)
+            shape = placed(one.former.shape(marked), pose)
+            box, distance = shape_field(shape, grid, self.voxel_um, REACH_UM)
+            part = np.interp(distance, AROUND_UM, PART).astype(np.float32)
+            curvature[box] += np.float32(one.curvature(time_s)) * part
+            if 0 < size < marked:
+                shape = placed(one.former.shape(size), pose)
+                union.add(one.identity, shape, *shape_field(shape, grid, self.voxel_um))
+            elif size > 0:
                 union.add(one.identity, shape, box, distance)
             lead = self.law.sign * self.law.contrast * float(one.lead(time_s))
-            signal[box] += np.float32(lead) * np.interp(distance, AROUND_UM, PART).astype("f4")
+            signal[box] += np.float32(lead) * part
         mask = union.field < 0
         np.maximum(signal, np.float32(LEAST_SIGNAL), out=signal)
-        return Moment(union.field, mask, body, union.labels(mask, body), signal)
+        return Moment(union.field, mask, body, union.labels(mask, body), signal, curvature)
 
-    def alive(self, time_s: float) -> Sequence[Protrusion]:
-        """The protrusions that stand on the body at a time."""
-        return [one for one in self.protrusions if one.course.size(time_s) > 0]
+    def dyes(self, moment: Moment, pose: Rigid, texture: Texture) -> tuple[Field, Field]:
+        """A dye of cytosol and membrane, and one of the cortex that shows the signal."""
+        nucleus = pose.apply(self.body.centre), 0.5 * float(self.body.semi_axes.min())
+        uneven = texture.on_grid(self.size, self.voxel_um, pose)
+        return (
+            fluorescence(moment.field, uneven, self.voxel_um, nucleus),
+            cortical(moment.field, moment.signal, self.voxel_um),
+        )
 
-    @cached_property
-    def by_identity(self) -> dict[int, Protrusion]:
-        return {one.identity: one for one in self.protrusions}
+    def body_points(self, count: int) -> Floats:
+        """Points (n, 3) on the body."""
+        return self.body.samples(count)
+
+    def state(self, time_s: float) -> list[Row]:
+        """What is known of every protrusion that stands on the body at a time."""
+        step, law = DERIVATIVE_STEP_S, self.law
+        return [
+            {
+                "id": one.identity,
+                "height_um": float(one.height_um(time_s)),
+                "speed_um_per_min": float(
+                    one.height_um(time_s + step) - one.height_um(time_s - step)
+                )
+                / (2 * step / 60.0),
+                "curvature_per_um": float(one.curvature(time_s)),
+                "signal": 1.0 + law.sign * law.contrast * float(one.lead(time_s)),
+                **place(one.former.base),
+            }
+            for one in self.protrusions
+            if one.course.size(time_s) > 0
+        ]
+
+    def lives(self) -> list[Row]:
+        """What is known of every protrusion over its life."""
+        return [
+            {
+                "id": one.identity,
+                "site": one.site,
+                "birth_s": one.course.birth_s,
+                "peak_s": one.course.peak_s,
+                "end_s": one.course.end_s,
+                "lifetime_s": one.course.lifetime_s,
+                "cycles": len(one.course.cycles),
+                "height_um": one.former.height_um,
+                **one.course.rates(one.former.height_um),
+                **place(one.former.base),
+            }
+            for one in self.protrusions
+        ]
+
+    def cycles(self) -> list[Row]:
+        """What is known of every cycle of extension and retraction."""
+        return [
+            {
+                "id": one.identity,
+                "cycle": number,
+                "birth_s": cycle.begin_s,
+                "peak_s": cycle.peak_s,
+                "end_s": cycle.end_s,
+                "lifetime_s": cycle.end_s - cycle.begin_s,
+                "height_um": cycle.peak * one.former.height_um,
+                **place(one.former.base),
+            }
+            for one in self.protrusions
+            for number, cycle in enumerate(one.course.cycles)
+        ]
 
 
 def placed(shape: Shape, pose: Rigid) -> Shape:

@@ -32,7 +32,7 @@ class Texture:
     @classmethod
     def draw(cls, rng: np.random.Generator) -> Texture:
         """Waves of random directions, a few µm long."""
-        lengths = np.exp(rng.uniform(*np.log(TEXTURE_UM), TEXTURE_WAVES))
+        lengths = rng.uniform(*TEXTURE_UM, TEXTURE_WAVES)
         waves = random_directions(rng, TEXTURE_WAVES) * (2 * np.pi / lengths)[:, None]
         return cls(waves, rng.uniform(0, 2 * np.pi, TEXTURE_WAVES))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -103,6 +104,15 @@ class OutermostSurface:
     @cached_property
     def _locator(self) -> SurfaceLocator:
         return SurfaceLocator(self._surface.vertices, self._surface.faces)
+
+
+def with_outermost(chart: Topography, outermost: OutermostSurface, cell: Surface) -> Topography:
+    """The topography with the fields of what lies outermost over each pixel."""
+    fields = {
+        "height_um": outermost.height_um,
+        "mean_curvature_per_um": outermost.image(cell.fields["mean_curvature_per_um"]),
+    }
+    return replace(chart, fields=fields)
 
 
 def _original_faces(surface: Surface, chart: Topography, face: Ints) -> Ints:

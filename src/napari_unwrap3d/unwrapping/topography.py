@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -113,29 +114,77 @@ def topography(
     image = image[: len(surface.vertices)]
     grid = to_grid(image, d_um, uv.shape[0])
     image[~in_columns(grid, first_layer, last_layer)] = np.nan
-    smoothing = parameters.smoothing_voxels
-    # Where the paper's smoothing follows, the mapped mask is binary.
-    kind = np.bool_ if smoothing else np.float32
-    part = progress.part(0.8, 0.85)
-    level = _mapped_level(nodes, mask, surface_parameters.smoothing_voxels, kind, part)
-    meshed = mesh_mapped_mask(level, smoothing, progress.part(0.85, 0.95))
-    meshed = faces_in_columns(*meshed, first_layer, last_layer)
-    meshed_vertices = evaluate(nodes, meshed[0])
-    vertices, faces, origin = cut_at_seam(image, surface.faces, uv.shape[0])
+    part = progress.part(0.8, 0.95)
+    columns = (nodes, first_layer, last_layer)
+    held_in = _parts(*columns, surface, image, mask, parameters, surface_parameters, part)
     return Topography(
         nodes=nodes,
         d_um=d_um,
         first_layer=first_layer,
         last_layer=last_layer,
-        mask=level[:, 1:-1] > 0,
-        surface=image,
-        cut_vertices=vertices,
-        cut_faces=faces,
-        cut_origin=origin,
-        meshed_vertices=meshed_vertices,
-        meshed_faces=meshed[1],
         folded_cells=int(folded),
+        **held_in,
     )
+
+
+def with_surface(
+    space: Topography,
+    surface: Surface,
+    image: Floats,
+    mask: Mask,
+    parameters: TopographyParameters,
+    surface_parameters: SurfaceParameters,
+    progress: Progress,
+) -> Topography:
+    """A (d, u, v) space with a surface in it, in the place of the one that it had.
+
+    Parameters
+    ----------
+    space : Topography
+        Its nodes and what its columns reach are kept, without a copy.
+    surface : Surface
+    image : ndarray, (n, 3)
+        (d µm, v, u) of its vertices; NaN where one has no image.
+    mask : Mask
+        The same cell as a volume, mapped by interpolation and meshed as in the paper (Step 6).
+    parameters : TopographyParameters
+    surface_parameters : SurfaceParameters
+    progress : Progress
+    """
+    columns = (space.nodes, space.first_layer, space.last_layer)
+    parts = _parts(*columns, surface, image, mask, parameters, surface_parameters, progress)
+    return replace(space, fields={}, **parts)
+
+
+def _parts(
+    nodes: npt.NDArray[np.float32],
+    first_layer: Ints,
+    last_layer: Ints,
+    surface: Surface,
+    image: Floats,
+    mask: Mask,
+    parameters: TopographyParameters,
+    surface_parameters: SurfaceParameters,
+    progress: Progress,
+) -> dict[str, Any]:
+    """What a topography holds of the surface in it; see :func:`with_surface`."""
+    smoothing = parameters.smoothing_voxels
+    # Where the paper's smoothing follows, the mapped mask is binary.
+    kind = np.bool_ if smoothing else np.float32
+    part = progress.part(0.0, 0.3)
+    level = _mapped_level(nodes, mask, surface_parameters.smoothing_voxels, kind, part)
+    meshed = mesh_mapped_mask(level, smoothing, progress.part(0.3, 1.0))
+    meshed = faces_in_columns(*meshed, first_layer, last_layer)
+    vertices, faces, origin = cut_at_seam(image, surface.faces, level.shape[1] - 2)
+    return {
+        "mask": level[:, 1:-1] > 0,
+        "surface": image,
+        "cut_vertices": vertices,
+        "cut_faces": faces,
+        "cut_origin": origin,
+        "meshed_vertices": evaluate(nodes, meshed[0]),
+        "meshed_faces": meshed[1],
+    }
 
 
 def _extent(

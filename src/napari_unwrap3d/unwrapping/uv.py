@@ -22,7 +22,13 @@ def uv(reference: Reference, sphere: Sphere, parameters: UVParameters, progress:
     position is the same barycentric combination of the reference's vertices.
     """
     rotation = axis_rotation(reference, sphere, parameters)
-    rows = parameters.rows
+    return uv_image(reference, sphere, rotation, parameters.rows, progress)
+
+
+def uv_image(
+    reference: Reference, sphere: Sphere, rotation: Floats, rows: int, progress: Progress
+) -> UV:
+    """The image of N rows of a sphere that is turned by a rotation (3, 3); see :func:`uv`."""
     locator = SphericalLocator(sphere.vertices @ rotation.T, sphere.faces)
     face = np.empty((rows, 2 * rows), np.int64)
     weights = np.empty((rows, 2 * rows, 3))

@@ -19,6 +19,7 @@ from ..errors import Unwrap3DError
 from .arrows import AxisArrow
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
+from .layers import FRAME
 from .painting import LOOK, POINT, TOOLS, SurfacePainter
 from .per_viewer import PerViewer
 from .placing import chart_of
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from napari.components import ViewerModel
     from napari.layers import Layer
 
+    from ..motion.shown_frames import ShownFrame
     from .canvas import UnwrappedCanvas
     from .session import Session
 
@@ -99,6 +101,8 @@ class Annotating(QObject):
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
         self._direct: Task | None = None
+        self._frame: ShownFrame | None = None
+        self._watching: Watching | None = None
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
@@ -126,6 +130,12 @@ class Annotating(QObject):
         return self._canvas
 
     @property
+    def watching(self) -> Watching:
+        """Counts who shows which chart of the annotations."""
+        assert self._watching is not None
+        return self._watching
+
+    @property
     def texturing(self) -> Texturing | None:
         """What shows the annotations on the meshes."""
         return self._texturing
@@ -141,7 +151,7 @@ class Annotating(QObject):
             self._current = ""
             self.listed.emit()
             return
-        watching = Watching(annotations)
+        watching = self._watching = Watching(annotations)
         self._texturing = Texturing(viewer, atlas, annotations, self.style, watching, self)
         for name in self.names:
             # In this order, so that each has its colours again.
@@ -200,6 +210,26 @@ class Annotating(QObject):
         self.axis_arrow.leave()
         self.painter.forget()
 
+    # A timepoint of a movie ------------------------------------------------------------
+
+    def show_frame(self, frame: ShownFrame | None) -> None:
+        """Draw on the surface of this timepoint; None where no movie is shown."""
+        begins_or_ends = (frame is None) != (self._frame is None)
+        self._frame = frame
+        self.painter.forget(FRAME)
+        if begins_or_ends and self._annotations is not None:
+            self.chosen.emit()
+
+    def frame_rests(self) -> None:
+        """The timepoint is looked at: get ready to draw on it, if that is what is done."""
+        if self._frame is not None and self._tool != LOOK:
+            self.painter.prepare()
+
+    @property
+    def frame(self) -> ShownFrame | None:
+        """The timepoint that is drawn on."""
+        return self._frame
+
     def close(self) -> None:
         """Leave the viewer as it was, and no thread."""
         if self._session is not None:
@@ -225,7 +255,10 @@ class Annotating(QObject):
         return super().eventFilter(watched, event)
 
     def faces(self, mesh: str) -> Ints:
-        """The faces of a mesh of the cell."""
+        """The faces of a mesh of the cell, or of the timepoint that is shown."""
+        if mesh == FRAME:
+            assert self._frame is not None
+            return self._frame.frame.surface.faces
         assert self.atlas is not None
         faces: Ints = getattr(self.atlas, mesh).faces
         return faces
@@ -233,7 +266,9 @@ class Annotating(QObject):
     def shows(self, layer: Layer) -> bool:
         """Whether a layer shows a mesh of this cell."""
         mesh = chart_of(layer)
-        if self.atlas is None or type(layer).__name__ != "Surface" or not self.atlas.has(mesh):
+        if self.atlas is None or type(layer).__name__ != "Surface":
+            return False
+        if not (self._frame is not None if mesh == FRAME else self.atlas.has(mesh)):
             return False
         return len(layer.data[1]) == len(self.faces(mesh))
 

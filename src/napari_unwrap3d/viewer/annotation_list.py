@@ -8,6 +8,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtGui import QColor, QIcon, QPixmap
 from qtpy.QtWidgets import (
     QAbstractItemView,
+    QCheckBox,
     QColorDialog,
     QComboBox,
     QHBoxLayout,
@@ -53,11 +54,17 @@ class AnnotationList(QWidget):
         self.colour_button.setToolTip("The colour of the current label, in every view.")
         self.delete_button = QPushButton("Delete")
         self.delete_button.setToolTip("Delete the annotation that is selected. Can be undone.")
+        self.time_box = QCheckBox("This timepoint only")
+        self.time_box.setToolTip(
+            "Of a movie: draw the selected annotation on each timepoint by itself. Unticked, it "
+            "is the same at every timepoint. What you see stays; the choice can be undone."
+        )
         self._filling = False
         self._arrange()
         self.add_button.clicked.connect(self.add)
         self.delete_button.clicked.connect(self.delete)
         self.colour_button.clicked.connect(self._on_colour)
+        self.time_box.clicked.connect(self._on_time)
         self.list.currentRowChanged.connect(self._on_row)
         self.list.itemChanged.connect(self._on_item)
         for signal in (annotating.listed, annotating.styled, annotating.chosen):
@@ -76,6 +83,7 @@ class AnnotationList(QWidget):
         column.setContentsMargins(0, 0, 0, 0)
         column.addLayout(row)
         column.addWidget(self.list)
+        column.addWidget(self.time_box)
         column.addLayout(buttons)
         height = self.list.fontMetrics().height() + 8
         self.list.setFixedHeight(ROWS_SHOWN * height)
@@ -100,15 +108,37 @@ class AnnotationList(QWidget):
             colours, visible = self._annotating.style(name)
             ticked = Qt.CheckState.Checked if visible else Qt.CheckState.Unchecked
             item.setCheckState(ticked)
+            self._show_time(item, name)
             item.setIcon(swatch(colours[self._annotating.label if name == current else 1]))
         if current in names:
             self.list.setCurrentRow(names.index(current))
         self._filling = False
+        self._fill_time(current)
         there = self._annotating.atlas is not None
         self.add_button.setEnabled(there)
         for button in (self.colour_button, self.delete_button):
             button.setEnabled(bool(current))
         self._suggest(names)
+
+    def _show_time(self, item: QListWidgetItem, name: str) -> None:
+        """What is another one at every timepoint is written in italics."""
+        times, font = self._annotating.annotations.times, item.font()
+        font.setItalic(times.one_by_one(name))
+        item.setFont(font)
+        count = len(times.drawn(name))
+        drawn = f"Drawn on {count} timepoint{'' if count == 1 else 's'}, each by itself."
+        item.setToolTip(drawn if font.italic() else "")
+
+    def _fill_time(self, current: str) -> None:
+        """The choice, where there is a movie."""
+        known = self._annotating.atlas is not None
+        times = self._annotating.annotations.times if known else None
+        self.time_box.setVisible(times is not None and times.timepoint is not None)
+        self.time_box.setEnabled(bool(current))
+        self.time_box.setChecked(bool(current) and times is not None and times.one_by_one(current))
+
+    def _on_time(self, wanted: bool) -> None:
+        self._annotating.annotations.times.set_one_by_one(self._annotating.current, wanted)
 
     def _suggest(self, names: tuple[str, ...]) -> None:
         """Propose a name that is not taken, unless the person is writing one."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +22,7 @@ from qtpy.QtWidgets import (
 from ..charts import Stack
 from ..errors import ChartMissingError
 from ..fields import CHARTS, CURVATURE, Colours, Fields, fields_of
-from .layers import KEY, MISSING, image_layer
+from .layers import FRAME, KEY, MISSING, image_layer
 from .notice import small_button
 from .threads import Task, tell
 from .turns import Turns
@@ -75,6 +75,8 @@ class Colouring(QObject):
         self.field = CURVATURE
         self.colormap = ensure_colormap("coolwarm")
         self.limits = (-1.0, 1.0)
+        #: Gives the fields of an atlas (and of the stack it was made from).
+        self.catalogue: Callable[[Atlas, Stack | None], Fields] = fields_of
         # What the user chose for a field is there again when the field is.
         self._chosen: dict[str, tuple[Any, tuple[float, float]]] = {}
         self._wanted = ""
@@ -143,6 +145,18 @@ class Colouring(QObject):
             self.listed.emit()
             self.refresh()
 
+    def show_fields(self, fields: Fields) -> bool:
+        """Go on with the fields of another timepoint.
+
+        Returns whether the field that is shown is known there, so that who calls this can give
+        its layers their values now; the others are given theirs by :meth:`refresh`.
+        """
+        before, self.fields = self.fields, fields
+        if before is None or before.names != fields.names:
+            self._list_fields(fields)
+            return False
+        return fields.known(self.field, "uv")
+
     def refresh(self) -> None:
         """Colour what is new: charts computed on request, layers put in again."""
         if self.fields is not None:
@@ -157,12 +171,16 @@ class Colouring(QObject):
     def _on_atlas(self, atlas: Atlas) -> None:
         source = self._canvas.session.source_data
         before = self.fields
-        self.fields = fields_of(atlas, source if isinstance(source, Stack) else None)
+        self.fields = self.catalogue(atlas, source if isinstance(source, Stack) else None)
         if before is not None:
             self.fields.adopt(before)
-        self._wanted = self.field if self.field in self.fields.names else CURVATURE
-        if self._wanted not in self.fields.names:
-            self._wanted = self.fields.names[0] if self.fields.names else ""
+        self._list_fields(self.fields)
+
+    def _list_fields(self, fields: Fields) -> None:
+        """Offer other fields, and show the one that was shown, if it is among them."""
+        self._wanted = self.field if self.field in fields.names else CURVATURE
+        if self._wanted not in fields.names:
+            self._wanted = fields.names[0] if fields.names else ""
         self.listed.emit()
         if self._wanted:
             self._compute()
@@ -230,6 +248,9 @@ class Colouring(QObject):
         if type(layer).__name__ != "Surface":
             return False
         known = layer.metadata[KEY]
+        if known["values_on"] == FRAME:
+            # Who shows a timepoint gives its mesh the values with it.
+            return False
         values = self.values(known["values_on"])
         known["field"] = self.field
         if values is None:

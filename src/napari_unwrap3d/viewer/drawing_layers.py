@@ -142,7 +142,10 @@ class DrawingLayers(QObject):
             if colours != self._colours.get((name, chart)):
                 self._colours[name, chart] = colours
                 layer.colormap = label_colormap(colours)
-            layer.visible = visible and (chart != VOLUME or self._slices)
+            shown = visible and (chart != VOLUME or self._slices)
+            # Setting what is there already makes napari put the brush away.
+            if layer.visible != shown:
+                layer.visible = shown
 
     # Making layers -----------------------------------------------------------------------
 

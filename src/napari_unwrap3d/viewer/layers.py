@@ -14,6 +14,7 @@ mask                             image   z, y, x        where the cell is
 surface                          surface z, y, x        where the cell is
 sealed surface                   surface z, y, x        where the cell is
 sealed places                    points  z, y, x        where the cell is
+cell at t                        surface z, y, x        where the cell is, of a movie
 reference                        surface z, y, x        where the cell is
 sphere, sphere (conformal)       surface z, y, x        right of the cell
 topographic surface              surface d, v, u        below the cell
@@ -58,6 +59,7 @@ from ..fields import CURVATURE, REFERENCE_CURVATURE, colours_of
 
 if TYPE_CHECKING:
     from ..atlas import Atlas
+    from ..motion.shown_frames import ShownFrame
 
 LayerData = tuple[Any, dict[str, Any], str]
 
@@ -68,6 +70,8 @@ IMAGE = ("v", "u")
 NORMAL = ("d", "v", "u")
 PIXELS = "pixel"
 CHARTS = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
+# The surface of one timepoint of a movie: its chart, and its layer.
+FRAME, CELL_AT_T = "frame", "cell at t"
 # The charts of the second canvas.
 UNWRAPPED = ("uv", "direct", "plane", "topography")
 
@@ -349,12 +353,24 @@ def flat_surface(topography: Topography) -> tuple[TriangleMesh, npt.NDArray[np.i
     Around a pole a face spans any range of u, and drawn flat it would reach far out of
     the image; the few faces that do are left out.
     """
-    vertices, faces = topography.cut_vertices, topography.cut_faces
-    columns = topography.shape[2]
+    return flattened(topography.cut_vertices, topography.cut_faces, topography.shape[2])
+
+
+def flattened(
+    vertices: npt.NDArray[Any], faces: npt.NDArray[Any], columns: int
+) -> tuple[TriangleMesh, npt.NDArray[np.int64]]:
+    """As :func:`flat_surface`, of a mesh in (d, v, u) that was cut at the seam."""
     faces = faces[vertices[faces, 2].max(axis=1) < columns * (1 + OVERHANG)]
     kept, inverse = np.unique(faces, return_inverse=True)
     faces = facing_outwards(vertices[kept], inverse.reshape(-1, 3))
     return TriangleMesh(vertices[kept], faces), kept
+
+
+def flat_frame(shown: ShownFrame) -> tuple[TriangleMesh, npt.NDArray[np.int64]]:
+    """A timepoint's surface over the (u, v) plane, and the vertices that it has."""
+    vertices, faces, origin = shown.cut
+    mesh, kept = flattened(vertices, faces, 2 * shown.rows)
+    return mesh, origin[kept]
 
 
 def facing_outwards(vertices: npt.NDArray[Any], faces: npt.NDArray[Any]) -> npt.NDArray[Any]:
@@ -378,6 +394,23 @@ _MAKERS: dict[str, Any] = {
     "uv": _uv,
     "topography": _topography,
 }
+
+
+def frame_layer(
+    vertices: npt.NDArray[Any], faces: npt.NDArray[Any], origin: npt.NDArray[np.int64]
+) -> LayerData:
+    """The mesh of a timepoint of a movie, cut at the seam; coloured when its field is known.
+
+    Parameters
+    ----------
+    vertices : ndarray, (p, 3)
+    faces : ndarray, (m, 3)
+    origin : ndarray, (p,)
+        The vertex of the frame's surface that each is a copy of.
+    """
+    attributes = _attributes(FRAME, CELL_AT_T, SPACE)
+    attributes["metadata"][KEY] |= {"values_on": FRAME, "vertices": origin}
+    return _mesh(TriangleMesh(vertices, faces), attributes, None)
 
 
 def mesh_layer(surface: Surface, name: str, field: str = "") -> LayerData:

@@ -12,9 +12,11 @@ from qtpy.QtCore import QObject
 
 from ..fields import AREA_DISTORTION, CURVATURE, SIGNAL, Fields
 from ..geometry.picking import RayPicker, SpherePicker
+from ..motion.frame_places import FramePlaces
+from ..motion.shown_frames import ShownFrame
 from ..places import Place, Places
 from ..unwrapping.surface import same_mesh
-from .layers import KEY, flat_surface
+from .layers import CELL_AT_T, FRAME, KEY, flat_frame, flat_surface
 from .markers import CanvasMarks
 from .threads import Task, tell
 
@@ -25,12 +27,15 @@ if TYPE_CHECKING:
 # Layer of the 3D canvas → where a place is in its data.
 SHOWN_AT = {
     "surface": "position",
+    CELL_AT_T: "on_frame",
     "sealed surface": "position",
     "reference": "reference",
     "sphere": "sphere",
     "sphere (conformal)": "conformal",
     "topographic surface": "topography",
 }
+# Those that follow the timepoint of a movie.
+FOLLOWING = (CELL_AT_T, "topographic surface")
 # Fields that are read out whatever is shown, once their values are known.
 ALWAYS = (CURVATURE, AREA_DISTORTION, f"{SIGNAL}0")
 
@@ -54,6 +59,8 @@ class LinkedCursor(QObject):
         self._pickers: dict[str, _Mesh] = {}
         self._task: Task | None = None
         self._building: Task | None = None
+        self._frame: ShownFrame | None = None
+        self._frame_rests = False
         self.marks_3d = CanvasMarks(viewer.window._qt_viewer)
         self.marks_unwrapped = CanvasMarks(canvas.qt_viewer)
         canvas.session.finished.connect(self._on_atlas)
@@ -77,6 +84,26 @@ class LinkedCursor(QObject):
     def _on_prepared(self, prepared: tuple[Places, dict[str, _Mesh]]) -> None:
         if prepared[0].atlas is self._canvas.atlas:
             self._places, self._pickers = prepared
+            self.show_frame(self._frame)
+
+    # A timepoint of a movie -------------------------------------------------------
+
+    def show_frame(self, frame: ShownFrame | None) -> None:
+        """Find places of a timepoint's surface from now on; None: of the atlas's own."""
+        if frame is None and self._frame is None:
+            return
+        self._frame, self._frame_rests = frame, False
+        for name in FOLLOWING:
+            self._pickers.pop(name, None)
+        if self._places is not None:
+            atlas = self._places.atlas
+            self._places = Places(atlas) if frame is None else FramePlaces(atlas, frame)
+        if self.place is not None:
+            self.leave()
+
+    def frame_rests(self) -> None:
+        """The timepoint is looked at, so that its meshes are worth being made pickable."""
+        self._frame_rests = True
 
     def _on_failed(self, error: BaseException) -> None:
         tell(error)
@@ -167,6 +194,8 @@ class LinkedCursor(QObject):
             if name not in SHOWN_AT or not layer.visible:
                 continue
             mesh = self._pickers.get(name)
+            if mesh is None and name in FOLLOWING and self._frame and not self._frame_rests:
+                continue
             if mesh is None:
                 self._build_picker(name)
                 continue
@@ -188,16 +217,18 @@ class LinkedCursor(QObject):
 
     def _build_picker(self, name: str) -> None:
         """Make a mesh that is shown for the first time ready to be picked."""
-        if self._building is None and self._canvas.atlas is not None:
-            self._building = Task(_built, self._canvas.atlas, name)
+        if self._building is None and self._places is not None:
+            self._building = Task(_built, self._places, name)
             self._building.returned.connect(self._on_built)
             self._building.failed.connect(self._on_failed)
             self._building.start()
 
-    def _on_built(self, built: tuple[Atlas, str, _Mesh]) -> None:
+    def _on_built(self, built: tuple[Places, str, _Mesh]) -> None:
         self._building = None
-        atlas, name, mesh = built
-        if atlas is self._canvas.atlas:
+        places, name, mesh = built
+        # Meshes of the atlas stay when the timepoint is another.
+        current = places is self._places or name not in FOLLOWING
+        if current and places.atlas is self._canvas.atlas:
             self._pickers[name] = mesh
 
     # Words ----------------------------------------------------------------------
@@ -205,8 +236,9 @@ class LinkedCursor(QObject):
     def read_out(self, place: Place) -> str:
         """The numbers of a place, in one line."""
         parts = []
-        if place.position is not None:
-            z, y, x = place.position
+        position = place.position if place.on_frame is None else place.on_frame
+        if position is not None:
+            z, y, x = position
             parts.append(f"z {z:.2f}  y {y:.2f}  x {x:.2f} µm")
         if place.uv is not None:
             parts.append(f"v {place.uv[0]:.0f}  u {place.uv[1]:.0f}")
@@ -214,7 +246,7 @@ class LinkedCursor(QObject):
             parts.append(f"d {place.topography[0]:+.2f} µm")
         colouring = self._canvas.colouring
         fields = colouring.fields
-        if fields is not None and place.corners is not None and place.weights is not None:
+        if fields is not None:
             names = [colouring.field, *(n for n in ALWAYS if n != colouring.field)]
             parts += _values(fields, names, place)
         return "   ·   ".join(parts).replace("-", "−")
@@ -236,9 +268,7 @@ class LinkedCursor(QObject):
 def _values(fields: Fields, names: list[str], place: Place) -> list[str]:
     parts = []
     for name in names:
-        if name not in fields.names or place.corners is None or place.weights is None:
-            continue
-        value = fields.at(name, place.corners, place.weights)
+        value = fields.at_place(name, place) if name in fields.names else None
         if value is not None:
             field = fields.field(name)
             parts.append(f"{field.title} {value:.3g} {field.unit}".rstrip())
@@ -289,6 +319,14 @@ def _mesh_of(atlas: Atlas, name: str) -> _Mesh:
     return _Mesh(chart, mesh.vertices, mesh.faces, RayPicker(mesh.vertices, mesh.faces, locator))
 
 
-def _built(atlas: Atlas, name: str) -> tuple[Atlas, str, _Mesh]:
+def _mesh_of_frame(shown: ShownFrame, name: str) -> _Mesh:
+    """What the mesh of a timepoint is picked with."""
+    mesh, of = (shown.frame.surface, None) if name == CELL_AT_T else flat_frame(shown)
+    return _Mesh(FRAME, mesh.vertices, mesh.faces, RayPicker(mesh.vertices, mesh.faces), of)
+
+
+def _built(places: Places, name: str) -> tuple[Places, str, _Mesh]:
     """What comes back from the thread, with what it belongs to."""
-    return atlas, name, _mesh_of(atlas, name)
+    if isinstance(places, FramePlaces) and name in FOLLOWING:
+        return places, name, _mesh_of_frame(places.shown, name)
+    return places, name, _mesh_of(places.atlas, name)

@@ -8,6 +8,7 @@ from __future__ import annotations
 import weakref
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from ..geometry.brush import Brush, lasso
 from ..geometry.mesh import vertex_normals
 from ..geometry.picking import RayPicker
 from .brush_circle import BrushCircle
+from .layers import FRAME
 from .placing import chart_of
 from .threads import Task, tell
 
@@ -35,7 +37,7 @@ POINT = "point"
 TOOLS = (LOOK, BRUSH, ERASE, LASSO, FILL, POINT)
 # Filling is for images.
 ON_MESHES = (BRUSH, ERASE, LASSO)
-PAINTED = ("surface", "reference", "sphere")
+PAINTED = ("surface", "reference", "sphere", FRAME)
 ERASING_KEY = "Shift"
 # Between two mouse events the brush is put down this often per radius, but not oftener
 # than this.
@@ -120,10 +122,11 @@ class SurfacePainter(QObject):
             self._outline.deleteLater()
             self._outline = None
 
-    def forget(self) -> None:
-        """The meshes are others now."""
-        self._tools.clear()
-        self._making.clear()
+    def forget(self, mesh: str = "") -> None:
+        """The meshes are others now: all of them, or one."""
+        for known in (self._tools, self._making):
+            for layer in [each for each in known if mesh in ("", chart_of(each))]:
+                known.pop(layer)
         self.circle.hide()
 
     def ready(self, layer: Layer) -> bool:
@@ -137,14 +140,15 @@ class SurfacePainter(QObject):
                 faces = self.annotating.faces(chart_of(layer))
                 vertices = np.array(layer.data[0][: int(faces.max()) + 1], np.float64)
                 task = self._making[layer] = Task(make_tools, layer, vertices, faces)
-                task.returned.connect(self._on_made)
+                task.returned.connect(partial(self._on_made, faces))
                 task.failed.connect(self._on_failed)
                 task.start()
 
-    def _on_made(self, made: tuple[Layer, MeshTools]) -> None:
+    def _on_made(self, faces: Ints, made: tuple[Layer, MeshTools]) -> None:
         layer, tools = made
         # What was begun for a mesh that is gone is not waited for any more.
-        if self._making.pop(layer, None) is not None:
+        if layer in self._making and faces is self.annotating.faces(chart_of(layer)):
+            del self._making[layer]
             self._tools[layer] = tools
 
     def _on_failed(self, error: BaseException) -> None:
@@ -235,8 +239,11 @@ class SurfacePainter(QObject):
         self, layer: Layer, label: int, event: Any, last: tuple[Floats, Floats] | None
     ) -> tuple[Floats, Floats]:
         """Put the brush down from where it was last to where it is now."""
-        tools = self._tools[layer]
         now = _in_layer(layer, np.asarray(event.position), np.asarray(event.view_direction))
+        tools = self._tools.get(layer)
+        if tools is None:
+            # Another timepoint was shown in the midst of the stroke.
+            return now
         radius = self.annotating.radius_um / float(np.mean(np.abs(layer.scale[-3:])))
         start = now if last is None else last
         way = float(np.linalg.norm(now[0] - start[0]))
@@ -252,6 +259,11 @@ class SurfacePainter(QObject):
     def _mark(self, layer: Layer, vertices: Ints, label: int) -> None:
         annotations, name = self.annotating.annotations, self.annotating.current
         if len(vertices) == 0:
+            return
+        if chart_of(layer) == FRAME:
+            # A place of the movie is its (v, u).
+            assert self.annotating.frame is not None
+            annotations.draw(name, "uv", self.annotating.frame.pixels_under(vertices), label)
             return
         if chart_of(layer) == "surface":
             annotations.draw_vertices(name, vertices, label)

@@ -83,7 +83,7 @@ def placing(viewer: ViewerModel, layers: Collection[LayerData]) -> Iterator[None
             # napari asks for it while it inserts the layer, and remembers it.
             _ = layer.extent
             yield
-            with _undisturbed(viewer):
+            with undisturbed(viewer):
                 viewer.layers.insert(place, layer)
             added.append(layer)
             yield
@@ -126,7 +126,7 @@ def _name(attributes: dict[str, Any]) -> str:
 
 
 @contextmanager
-def _undisturbed(viewer: ViewerModel) -> Iterator[None]:
+def undisturbed(viewer: ViewerModel) -> Iterator[None]:
     """Keep napari from preparing all visible meshes anew because another layer moved a slider.
 
     A mesh whose axes are all displayed looks the same wherever the sliders are.

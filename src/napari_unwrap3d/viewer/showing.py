@@ -10,7 +10,7 @@ import numpy as np
 from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QPushButton, QWidget
 
-from .layers import KEY, SPACE
+from .layers import CELL_AT_T, KEY, SPACE
 from .notice import small_button
 from .sources import is_source
 
@@ -25,13 +25,14 @@ SWITCHES = {
     STACK: ("Stack", "The images, as they were recorded."),
     "mask": ("Mask", "The cell, voxel by voxel."),
     "surface": ("Surface", "The surface of the cell."),
+    CELL_AT_T: ("Cell at t", "The surface of the cell at the timepoint that is shown."),
     "sealed surface": ("Sealed", "The surface with its handles and holes closed."),
     "reference": ("Reference", "The smooth cortex, without protrusions."),
     "sphere": ("Sphere", "The reference on a sphere, with its areas kept."),
     "sphere (conformal)": ("Conformal", "The reference on a sphere, with its angles kept."),
     "topographic surface": ("Topography", "The surface over the (u, v) plane: height is d."),
 }
-CELL = ("surface", "sealed surface")
+CELL = ("surface", "sealed surface", CELL_AT_T)
 # Marks on the cell, sealed or not: the parts that were closed, and the points.
 ON_CELL = ("sealed places", "points")
 ALONE = "Double-click: show it alone."
@@ -123,6 +124,7 @@ class ShownBar(QWidget):
             layers = self.layers(name)
             button.setEnabled(bool(layers))
             button.setChecked(any(layer.visible for layer in layers))
+        self.buttons[CELL_AT_T].setVisible(self.buttons[CELL_AT_T].isEnabled())
 
     def close_bar(self) -> None:
         """Listen no longer."""
