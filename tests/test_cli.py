@@ -74,6 +74,14 @@ def test_later_parameters_win(tmp_path: Path) -> None:
     assert (chosen.stack.label, chosen.stack.timepoint) == (7, 2)
 
 
+def test_none_is_a_word_where_it_is_a_choice_and_else_nothing() -> None:
+    chosen = chosen_parameters(
+        parsed("--set", "registration.method=none", "--set", "stack.working_voxel_um=none")
+    )
+    assert chosen.registration.method == "none"
+    assert chosen.stack.working_voxel_um is None
+
+
 @pytest.mark.parametrize("typed", ["[1, 0, 0.5]", "1,0,0.5", "1 0 0.5"])
 def test_a_direction_is_set_by_its_three_numbers(typed: str) -> None:
     chosen = chosen_parameters(

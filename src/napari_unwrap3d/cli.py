@@ -1,8 +1,8 @@
-"""The command ``napari-unwrap3d``: run, info, compare, demo and export.
+"""The command ``napari-unwrap3d``: run, batch, info, compare, demo and export.
 
 No logic of its own: it reads, calls the pipeline, and writes with ``files.export``.
-Exit codes: 0 done, 1 an unexpected error, 2 a wrong input or parameter, 130 stopped by
-Ctrl-C.
+Exit codes: 0 done, 1 an unexpected error, 2 a wrong input or parameter, 3 a part of a batch
+failed, 130 stopped by Ctrl-C.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ import importlib.util
 import io
 import json
 import os
-import re
 import signal
 import sys
 import threading
@@ -21,6 +20,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .batch.command import add_batch
 from .charts import Mask, Stack, Surface
 from .errors import Cancelled, InputError, ParameterError, Unwrap3DError, VoxelSizeMissingError
 from .movie_cli import add_movie
@@ -83,6 +83,7 @@ def build_parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"%(prog)s {package_version()}")
     commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     _add_run(commands)
+    add_batch(commands)
     _add_info(commands)
     _add_compare(commands)
     _add_demo(commands)
@@ -155,7 +156,11 @@ def _add_demo(commands: Any) -> None:
     demo.add_argument("--kind", default="blebs", help="kind of protrusions (default: blebs)")
     demo.add_argument("--seed", type=int, default=0, help="which random cell (default: 0)")
     demo.add_argument(
-        "--size", type=int, default=200, help="edge of the field of view in voxels (default: 200)"
+        "--size", type=int, help="edge of the field of view in voxels (default: 200; of movies 96)"
+    )
+    demo.add_argument("--movie", action="store_true", help="a short movie of a cell instead")
+    demo.add_argument(
+        "--timepoints", type=int, default=8, help="of the movie (default: 8)", metavar="T"
     )
     demo.add_argument("--window", action="store_true", help="show the charts in napari")
     add_parameters(demo)
@@ -180,6 +185,7 @@ def _add_export(commands: Any) -> None:
 def run_command(arguments: argparse.Namespace, console: Console) -> int:
     """``run``: unwrap and write."""
     from .files.export import check_folder
+    from .sampling import check_signals
 
     check_folder(arguments.output, arguments.overwrite)
     parameters = chosen_parameters(arguments)
@@ -189,7 +195,7 @@ def run_command(arguments: argparse.Namespace, console: Console) -> int:
         _print_choice(source, parameters, console)
         signals = source
         source = as_mask(source, parameters) if arguments.mask else source
-    _check_signals(signals, arguments.signal)
+    check_signals(signals, arguments.signal)
     _unwrap_and_export(source, parameters, arguments, console, signals)
     return 0
 
@@ -251,6 +257,11 @@ def demo_command(arguments: argparse.Namespace, console: Console) -> int:
     from .files.export import PROJECT_NAME, check_folder, remove_entries
     from .simulate import KINDS, cell
 
+    if arguments.movie:
+        from .movie_demo import movie_demo
+
+        return movie_demo(arguments, console)
+    arguments.size = arguments.size or 200
     if arguments.kind not in KINDS:
         raise ParameterError(
             f"There is no kind {arguments.kind!r}.", hint=f"Kinds: {', '.join(KINDS)}."
@@ -313,6 +324,7 @@ def _unwrap_and_export(
     from .files.formats import Formats
     from .pipeline import Pipeline
     from .quality import quality_rows
+    from .sampling import with_signals
 
     formats = Formats.named(arguments.format)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
@@ -333,33 +345,6 @@ def _unwrap_and_export(
     print_quality(console, quality_rows(atlas.quality))
     _print_where(arguments.output, console)
     return atlas
-
-
-def _check_signals(stack: Stack | None, channels: Sequence[str]) -> None:
-    """Raise before anything is computed when a channel to sample does not exist."""
-    from .imaging.roi import channel_index
-
-    if stack is None and channels:
-        raise InputError(
-            "--signal is for stacks, and a mesh has no channels.",
-            hint="Leave it out, or sample a stack with sample_signal.",
-        )
-    for channel in channels:
-        assert stack is not None
-        channel_index(stack, channel)
-
-
-def with_signals(atlas: Atlas, stack: Stack, channels: Sequence[str], progress: Progress) -> Atlas:
-    """The atlas with the signal of these channels as fields of its surface."""
-    from .sampling import sample_signal
-
-    fields = {}
-    for i, channel in enumerate(channels):
-        part = progress.part(i / len(channels), (i + 1) / len(channels))
-        # Names of fields in PLY files are words.
-        name = re.sub(r"\W+", "_", channel)
-        fields[f"signal_{name}"] = sample_signal(stack, atlas, channel, progress=part)
-    return atlas.replaced(surface=atlas.surface.with_fields(**fields))
 
 
 def _named(atlas: Atlas, arguments: argparse.Namespace) -> Atlas:

@@ -10,7 +10,14 @@ from typing import Any
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
-from rich.progress import BarColumn, TaskID, TaskProgressColumn, TextColumn, TimeElapsedColumn
+from rich.progress import (
+    BarColumn,
+    TaskID,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.progress import Progress as Bars
 from rich.table import Table
 
@@ -33,16 +40,24 @@ class StepProgress:
     """A bar per step while a terminal looks on; a line per finished step otherwise.
 
     An instance is the callback of a :class:`~napari_unwrap3d.progress.Progress`.
+
+    Parameters
+    ----------
+    console : Console
+    estimate : bool
+        Also show how long it will still take.
     """
 
-    def __init__(self, console: Console) -> None:
+    def __init__(self, console: Console, estimate: bool = False) -> None:
         self.console = console
         self.live = console.is_terminal
+        left = (TimeRemainingColumn(),) if estimate else ()
         self._bars = Bars(
             TextColumn("{task.description:<12}"),
             BarColumn(bar_width=28),
             TaskProgressColumn(),
             TimeElapsedColumn(),
+            *left,
             TextColumn("[dim]{task.fields[message]}[/]"),
             console=console,
         )

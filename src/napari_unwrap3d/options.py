@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from .errors import ParameterError
 from .files.formats import NAMES
@@ -122,7 +122,16 @@ def _parsed_setting(setting: str) -> dict[str, Any]:
         raise ParameterError(
             f"{setting!r} is no setting.", hint="Write STEP.NAME=VALUE, e.g. --set uv.rows=256."
         )
+    if text.strip() in _choices(step, key):
+        return {step: {key: text.strip()}}
     return {step: {key: _parsed_value(text.strip())}}
+
+
+def _choices(step: str, key: str) -> tuple[Any, ...]:
+    """The words that a parameter may be; of some, ``none`` is one."""
+    group: Any = Parameters.model_fields.get(step)
+    field = group and group.annotation.model_fields.get(key)
+    return get_args(field.annotation) if field else ()
 
 
 def _parsed_value(text: str) -> Any:

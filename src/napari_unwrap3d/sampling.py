@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from typing import Literal
 
 import numpy as np
 
 from .atlas import Atlas
 from .charts import Floats, Stack
-from .imaging.roi import chosen_volume
+from .errors import InputError
+from .imaging.roi import channel_index, chosen_volume
 from .imaging.signal import (
     InwardField,
     around_cell,
@@ -105,3 +108,34 @@ def sample_signal(
     divisor = np.where(signals[1] == 0, np.nan, signals[1])
     ratio: Floats = signals[0] / divisor
     return ratio
+
+
+def check_signals(stack: Stack | None, channels: Sequence[str]) -> None:
+    """Raise before anything is computed when a channel to sample does not exist.
+
+    Raises
+    ------
+    InputError
+        There is no stack.
+    ParameterError
+        There is no such channel.
+    """
+    if stack is None and channels:
+        raise InputError(
+            "--signal is for stacks, and a mesh has no channels.",
+            hint="Leave it out, or sample a stack with sample_signal.",
+        )
+    for channel in channels:
+        assert stack is not None
+        channel_index(stack, channel)
+
+
+def with_signals(atlas: Atlas, stack: Stack, channels: Sequence[str], progress: Progress) -> Atlas:
+    """The atlas with the signal of these channels as fields of its surface."""
+    fields = {}
+    for i, channel in enumerate(channels):
+        part = progress.part(i / len(channels), (i + 1) / len(channels))
+        # Names of fields in PLY files are words.
+        name = re.sub(r"\W+", "_", channel)
+        fields[f"signal_{name}"] = sample_signal(stack, atlas, channel, progress=part)
+    return atlas.replaced(surface=atlas.surface.with_fields(**fields))

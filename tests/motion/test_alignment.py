@@ -127,5 +127,6 @@ def make_guide() -> tuple[np.ndarray, np.ndarray, dict[str, np.ndarray]]:
 
 
 def test_the_guide_goes_from_neighbour_to_neighbour() -> None:
-    assert list(in_order(5, 2)) == [(3, 2), (4, 3), (1, 2), (0, 1)]
-    assert list(in_order(3, 0)) == [(1, 0), (2, 1)]
+    assert list(in_order(range(5), 2)) == [(3, 2), (4, 3), (1, 2), (0, 1)]
+    assert list(in_order(range(3), 0)) == [(1, 0), (2, 1)]
+    assert list(in_order([0, 2, 5, 6], 5)) == [(6, 5), (2, 5), (0, 2)]

@@ -42,18 +42,17 @@ def test_the_menus_lead_to_our_docks(manifest: npe2.PluginManifest) -> None:
         assert {item.command for item in items} <= docks
 
 
-def test_every_kind_of_cell_is_a_sample(manifest: npe2.PluginManifest) -> None:
-    assert {sample.key for sample in manifest.contributions.sample_data or ()} == set(
-        simulate.KINDS
-    )
+def test_every_kind_of_cell_is_a_sample_and_a_movie(manifest: npe2.PluginManifest) -> None:
+    found = {sample.key for sample in manifest.contributions.sample_data or ()}
+    assert found == {*simulate.KINDS, "blebbing"}
 
 
 def test_readers_take_our_files_and_leave_tiff_alone(
     manifest: npe2.PluginManifest, npe2pm: PluginManager
 ) -> None:
     with npe2pm.tmp_plugin(manifest=manifest):
-        for suffix in (*MESH_SUFFIXES, ".unwrap3d"):
-            found = [r.command for r in npe2pm.iter_compatible_readers([f"cell{suffix}"])]
+        for name in (*(f"cell{suffix}" for suffix in MESH_SUFFIXES), "cell.unwrap3d", "movie.json"):
+            found = [r.command for r in npe2pm.iter_compatible_readers([name])]
             assert len(found) == 1
         for name in ("stack.tif", "stack.ome.tiff", "stack.zarr", "table.csv"):
             assert not list(npe2pm.iter_compatible_readers([name]))

@@ -14,6 +14,7 @@ Layout::
     annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
     guides/00012.zip            there, the mesh that tells which place of its surface is which
+    failures/00012.json         why the timepoint could not be made and is left out
 """
 
 from __future__ import annotations
@@ -30,6 +31,7 @@ from typing import Any
 from ..charts import Frame, Mask, Surface
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
+from ..progress import Progress, silent
 from .atomic import replacing, write_json
 from .project import MOVIE, SUFFIX, read_record, record_key, record_numbers, write_record
 
@@ -110,6 +112,10 @@ class MovieFolder:
         found = read_json(self.path / COMMON_RECORD)
         return found if (self.path / COMMON).is_file() else None
 
+    def drop_common(self) -> None:
+        """Forget the record: while the atlas is replaced, it is of no key."""
+        (self.path / COMMON_RECORD).unlink(missing_ok=True)
+
     def keep_common(self, record: Mapping[str, Any]) -> None:
         """Keep the record; the atlas must be there."""
         write_json(self.path / COMMON_RECORD, record)
@@ -140,6 +146,25 @@ class MovieFolder:
         path = self._piece("frames", frame.timepoint, ".zip")
         write_record(path, {"frame": frame}, key, frame.numbers)
 
+    def numbers(self, stage: str, timepoint: int) -> dict[str, Any]:
+        """What was measured in a stage of a timepoint; empty where nothing was."""
+        kind = {"segment": "masks", "frame": "frames"}.get(stage)
+        return record_numbers(self._piece(kind, timepoint, ".zip")) if kind else {}
+
+    def failure(self, timepoint: int) -> dict[str, Any] | None:
+        """Why a timepoint could not be made: ``stage`` and ``reason``; None if it could."""
+        return read_json(self._piece("failures", timepoint, ".json"))
+
+    def keep_failure(self, timepoint: int, stage: str, reason: str) -> None:
+        """Note that a timepoint could not be made: it is left out of the movie, and so is a frame
+        of it that was made from something else.
+        """
+        self._piece("frames", timepoint, ".zip").unlink(missing_ok=True)
+        write_json(self._piece("failures", timepoint, ".json"), {"stage": stage, "reason": reason})
+
+    def drop_failure(self, timepoint: int) -> None:
+        self._piece("failures", timepoint, ".json").unlink(missing_ok=True)
+
     def atlas_path(self, timepoint: int) -> Path:
         """The own atlas of a timepoint (common space "each")."""
         return self._piece("frames", timepoint, SUFFIX)
@@ -160,15 +185,19 @@ class MovieFolder:
 
     # One file ----------------------------------------------------------------------
 
-    def pack(self, target: Path) -> Path:
+    def pack(self, target: Path, progress: Progress | None = None) -> Path:
         """Everything in one ``*.unwrap3d`` file, which :func:`unpack` opens."""
+        report = progress if progress is not None else silent()
         target = target if target.suffix == SUFFIX else target.with_name(target.name + SUFFIX)
         self.manifest()
         with replacing(target) as partial, zipfile.ZipFile(partial, "w") as archive:
-            for entry in sorted(self.path.rglob("*")):
+            entries = [entry for entry in sorted(self.path.rglob("*")) if entry.is_file()]
+            for index, entry in enumerate(entries):
                 name = entry.relative_to(self.path)
-                if entry.is_file() and not any(part.startswith(".") for part in name.parts):
+                report(index / len(entries), f"writing {name.as_posix()}")
+                if not any(part.startswith(".") for part in name.parts):
                     archive.write(entry, name.as_posix())
+        report(1.0, "saved")
         return target
 
 

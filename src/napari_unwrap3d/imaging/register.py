@@ -14,11 +14,12 @@ from ..charts import Floats, Volume
 from ..errors import EmptyMaskError
 from ..geometry.distance import signed_distance
 from ..geometry.rigid import Rigid
-from ..geometry.rigid_fit import Samples, fit_motion, sampled
+from ..geometry.rigid_fit import Fit, Samples, fit_motion, sampled
+from ..geometry.sharp_fit import SharpPair, refined_motion
 from ..geometry.topology import fill_cavities, largest_part
 from ..parameters import RegistrationParameters
 from ..progress import Progress
-from .isotropic import PER_BLUR, common_blur_um, isotropic
+from .isotropic import PER_BLUR, blur_of, common_blur_um, isotropic
 from .itk import best_motion
 from .scan import box_of, scan
 
@@ -30,12 +31,16 @@ Bools = npt.NDArray[np.bool_]
 COARSE_VOXELS = 48**3
 # The volumes that are compared have at most this many.
 FINE_VOXELS = 1 << 23
-POINTS = 100_000
+POINTS = 60_000
 # Around the cell's outline so far outwards and inwards, in σ of the blur.
 OUTWARDS, INWARDS = 2.5, 8.0
 # The moving cell is looked for in a box larger by this part of the fixed cell's, which has
 # turned or changed.
 ROOM = 0.15
+# σ of the blur of the sharp volumes, and of their smooth copy, in their finest voxels.
+SHARP, SMOOTH = 1.4, 3.1
+# Whether places correspond is decided anew so often, with the motion found before.
+PASSES = 2
 # Above, it is doubtful that the two show the same cell.
 DOUBTFUL = 0.5
 
@@ -127,30 +132,33 @@ def register(
     pair = _Pair.of(fixed, moving, parameters, progress.part(0.0, 0.4))
     around = pair.start
     progress(0.4, "the whole cell")
-    part = progress.part(0.4, 0.7)
+    part = progress.part(0.4, 0.6)
     found = best_motion(
         pair.fixed, pair.moving, pair.region, around, "correlation", part, rotate=rotate
     )
-    progress(0.7, "the parts that do not change")
+    progress(0.6, "the parts that do not change")
     samples = pair.samples()
     edge, origin = pair.moving.voxel_size[0], pair.moving.origin
     fit = progress.run(fit_motion, samples, pair.moving.data, origin, edge, found, rotate=rotate)
-    kept = fit.weights > 0
+    progress(0.8, "fine structure")
+    pose = progress.run(pair.refined, fit, rotate=rotate)
+    found_there, inside = sampled(pair.moving.data, origin, edge, samples.points, fit.pose)
+    kept = (fit.weights(samples.values, found_there, samples.points) > 0) & inside
     points, values = samples.points[kept], samples.values[kept]
     before, after = (
-        _residual(values, *sampled(pair.moving.data, origin, edge, points, pose))
-        for pose in (Rigid(), fit.pose)
+        _residual(values, *sampled(pair.moving.data, origin, edge, points, each))
+        for each in (Rigid(), pose)
     )
     if after > DOUBTFUL:
         logger.warning("the cell of two timepoints correlates by %.2f only", 1 - after)
     numbers = {
-        **_motion_numbers(fit.pose, pair.centre),
+        **_motion_numbers(pose, pair.centre),
         "residual_before": before,
         "residual": after,
         "corresponding": float(kept.mean()),
         "blur_um": pair.blur_um,
     }
-    return fit.pose, numbers
+    return pose, numbers
 
 
 def register_channel(
@@ -212,12 +220,14 @@ def _residual(values: Floats, found: Floats, inside: Bools) -> float:
 class _Pair:
     """Two volumes around a cell on cubic voxels, equally blurred along all axes.
 
-    `region` are the voxels of `fixed` in and around the cell, `centre` is its middle, and
-    `start` a shift from the moving volume to the fixed one that is right within a few voxels.
+    `recorded` are both as they were, `region` are the voxels of `fixed` in and around the cell,
+    `centre` is its middle, and `start` a shift from the moving volume to the fixed one that is
+    right within a few voxels.
     """
 
     fixed: Volume
     moving: Volume
+    recorded: tuple[Volume, Volume]
     region: Bools
     centre: Floats
     start: Rigid
@@ -257,7 +267,33 @@ class _Pair:
         fine = progress.run(isotropic, fixed_part, blur, edge)
         other = progress.run(isotropic, moving_part, blur, edge)
         region, centre = progress.run(_region, fine, blur)
-        return cls(fine, other, region, centre, Rigid(np.eye(3), -shift), blur)
+        parts = fixed_part, moving_part
+        return cls(fine, other, parts, region, centre, Rigid(np.eye(3), -shift), blur)
+
+    def refined(self, fit: Fit, *, rotate: bool) -> Rigid:
+        """The motion from what both volumes show where they correspond, at their full sharpness."""
+        edge = self.fixed.voxel_size[0]
+        finest = min(min(volume.voxel_size) for volume in self.recorded)
+        sharp, smooth = (max(edge, factor * finest) for factor in (SHARP, SMOOTH))
+        fixed, moving = (isotropic(volume, sharp, edge) for volume in self.recorded)
+        pair = SharpPair(
+            fixed.data,
+            moving.data,
+            isotropic(self.recorded[0], smooth, edge).data,
+            np.asarray(fixed.origin),
+            np.asarray(moving.origin),
+            edge,
+            blur_of(self.recorded[0].voxel_size, sharp),
+        )
+        points = self.fixed.to_world(np.argwhere(self.region))
+        values = self.fixed.data[self.region].astype(np.float64)
+        weights = np.zeros(self.fixed.shape, np.float32)
+        pose = fit.pose
+        for _ in range(PASSES):
+            found, inside = sampled(self.moving.data, self.moving.origin, edge, points, pose)
+            weights[self.region] = np.where(inside, fit.weights(values, found, points), 0.0)
+            pose = refined_motion(pair, weights, pose, rotate=rotate)
+        return pose
 
     def samples(self) -> Samples:
         """The fixed volume and its gradient at points of the region, evenly spread."""

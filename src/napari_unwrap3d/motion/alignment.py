@@ -9,7 +9,7 @@ the places of its reference are on the common one.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -188,7 +188,16 @@ def _distances(common: Atlas, one: Floats, other: Floats) -> Floats:
     return far
 
 
-def in_order(timepoints: int, chosen: int) -> Iterator[tuple[int, int]]:
-    """(timepoint, its neighbour on the way to the chosen one), nearest to the chosen one first."""
-    yield from ((t, t - 1) for t in range(chosen + 1, timepoints))
-    yield from ((t, t + 1) for t in range(chosen - 1, -1, -1))
+def in_order(timepoints: Sequence[int], chosen: int) -> Iterator[tuple[int, int]]:
+    """(timepoint, its neighbour on the way to the chosen one), nearest to the chosen one first.
+
+    Of some timepoints in their order, the chosen one among them.
+    """
+    at = list(timepoints).index(chosen)
+    yield from _later(timepoints[at:])
+    yield from _later(timepoints[at::-1])
+
+
+def _later(timepoints: Sequence[int]) -> Iterator[tuple[int, int]]:
+    """Each timepoint after the first, and the one before it."""
+    return zip(timepoints[1:], timepoints, strict=False)

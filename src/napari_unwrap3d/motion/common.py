@@ -7,7 +7,7 @@ unwrapped by itself and aligned to a common reference.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -38,6 +38,15 @@ class Recommendation:
     method: str
     reason: str
     outside: dict[str, list[float]]
+
+    def spread(self, timepoints: Sequence[int], count: int) -> Recommendation:
+        """With the shares of some of `count` timepoints in their places; NaN for the others."""
+        outside = {}
+        for name, shares in self.outside.items():
+            every = np.full(count, np.nan)
+            every[list(timepoints)] = shares
+            outside[name] = every.tolist()
+        return Recommendation(self.method, self.reason, outside)
 
     def to_plain(self) -> dict[str, Any]:
         """As JSON holds it."""

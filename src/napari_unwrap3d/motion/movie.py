@@ -91,6 +91,12 @@ class Movie:
         weakref.finalize(self, shutil.rmtree, self.folder.path, ignore_errors=True)
         return self
 
+    def go_on_with(self, work: MovieWork) -> None:
+        """Its frames are those of other parameters now; the common space stays."""
+        self.work, self._manifest = work, self.folder.manifest()
+        self.__dict__.pop("parameters", None)
+        self._frames.cache_clear()
+
     # What it is of -----------------------------------------------------------------
 
     def __len__(self) -> int:
@@ -136,6 +142,14 @@ class Movie:
         restore_timed(self.folder, atlas)
         return atlas
 
+    def has_common(self, atlas: Atlas | None) -> bool:
+        """Whether an atlas is the one of its common space; nothing is read for it."""
+        return atlas is not None and self.__dict__.get("common") is atlas
+
+    def use_common(self, atlas: Atlas) -> None:
+        """Take an atlas that was read from its folder already: what is drawn on it is its own."""
+        self.__dict__["common"] = atlas
+
     @property
     def record(self) -> dict[str, Any]:
         """How the common space was chosen: ``method``, ``timepoint``, ``recommendation``."""
@@ -149,6 +163,11 @@ class Movie:
             return self.folder.has_frame(timepoint, self.work.frame_key(timepoint))
         return self.folder.frame_key(timepoint) is not None
 
+    def is_lost(self, timepoint: int) -> bool:
+        """Whether a timepoint has no frame because it could not be made (in a batch)."""
+        lost = self.work is None or self.folder.failure(timepoint) is not None
+        return lost and not self.has_frame(timepoint)
+
     def frame(self, timepoint: int, progress: Progress | None = None) -> Frame:
         """One timepoint in the common space; made first if it is not there.
 
@@ -160,6 +179,13 @@ class Movie:
         if not 0 <= timepoint < len(self):
             raise InputError(f"There is no timepoint {timepoint}.", timepoints=len(self))
         if not self.has_frame(timepoint):
+            failure = self.folder.failure(timepoint)
+            if failure is not None:
+                raise InputError(
+                    f"Timepoint {timepoint} could not be made: {failure['reason']}",
+                    stage=failure["stage"],
+                    hint="Run the batch again to try it once more.",
+                )
             if self.work is None:
                 raise InputError(
                     f"The frame of timepoint {timepoint} was not made.",
@@ -204,25 +230,38 @@ class Movie:
         return atlas_in(self.common, frame, source, progress)
 
     def frames(self) -> Iterator[Frame]:
-        """All frames in the order of time, one in memory at a time."""
+        """All frames in the order of time, one in memory at a time; lost ones are left out."""
         for timepoint in range(len(self)):
-            yield self.frame(timepoint)
+            if not self.is_lost(timepoint):
+                yield self.frame(timepoint)
 
     @property
     def fields(self) -> tuple[str, ...]:
         """Names of the uv stacks."""
-        return tuple(self.frame(0).uv)
+        return tuple(self._first().uv)
+
+    def _first(self) -> Frame:
+        """The first frame that there is."""
+        found = next(self.frames(), None)
+        if found is None:
+            raise InputError("The movie has no frame.", timepoints=len(self))
+        return found
 
     def uv(self, name: str) -> dask.array.Array:
-        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time."""
+        """The uv stack of a field: (t, v, u) float32, lazily, a frame at a time.
+
+        Of lost timepoints it is NaN.
+        """
         import dask.array
 
-        first = self.frame(0).uv
+        first = self._first().uv
         if name not in first:
             raise InputError(f"There is no field {name!r}.", hint=f"Fields: {', '.join(first)}.")
 
         def image(block_info: Any = None) -> npt.NDArray[Any]:
             timepoint = block_info[None]["chunk-location"][0]
+            if self.is_lost(timepoint):
+                return np.full((1, *first[name].shape), np.nan, first[name].dtype)
             return self.frame(timepoint).uv[name][None]
 
         stacked: dask.array.Array = dask.array.map_blocks(  # type: ignore[no-untyped-call]
@@ -338,12 +377,12 @@ class Movie:
 
         keep_annotations(self.folder, state or self.common.annotations.state())
 
-    def save(self, path: str | Path) -> Path:
+    def save(self, path: str | Path, progress: Progress | None = None) -> Path:
         """Write everything into one ``*.unwrap3d`` file, which :func:`load_movie` opens."""
         drawn = self.__dict__["common"].annotated if "common" in self.__dict__ else None
         if drawn is not None:
             self.keep_annotations(drawn.state())
-        return self.folder.pack(Path(path))
+        return self.folder.pack(Path(path), progress)
 
 
 def unwrap_movie(

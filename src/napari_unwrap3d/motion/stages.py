@@ -10,8 +10,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from pathlib import Path
 from typing import Any, Literal
 
+from ..annotations.state import State, moved
 from ..atlas import Atlas
 from ..charts import Mask, Stack, Surface, TemporalMask
 from ..errors import InputError, NoMeanError
@@ -65,6 +67,14 @@ class MovieWork:
             }
         )
 
+    def know(self, keys: Mapping[int, str]) -> None:
+        """Take hashes of timepoints' sources from someone who has read them."""
+        self._keys |= keys
+
+    def known(self, timepoint: int) -> str | None:
+        """The hash of a timepoint's source, if it was read."""
+        return self._keys.get(timepoint)
+
     def run(self, stage: Stage, timepoint: int, progress: Progress) -> bool:
         """Do one piece of work; False where it was done before.
 
@@ -98,14 +108,15 @@ class MovieWork:
         return True
 
     def common(self, timepoint: int, progress: Progress) -> bool:
-        """Build the common space; needs the masks of all timepoints."""
+        """Build the common space of the timepoints that have a mask."""
         key = self.common_key()
         record = self.folder.common()
         if record is not None and record["key"] == key:
             return False
+        segmented = self.segmented()
+        which = self._chosen_timepoint(segmented)
         mean = MeanOutline.of(self._masks(progress.part(0.0, 0.05)))
         chosen = self.parameters.movie
-        which = self._chosen_timepoint()
         first, _ = self.folder.mask(which)
         temporal = self._mean_or_none(mean)
         progress(0.1, "choosing the common space")
@@ -121,9 +132,12 @@ class MovieWork:
         pipeline = Pipeline(source)
         end = 0.5 if method == EACH else 0.95
         atlas = pipeline.run(self.space_parameters, _within(progress, 0.15, end))
-        save_project(atlas, self.folder.common_path, source=source)
+        kept = kept_annotations(self.folder.common_path, atlas)
+        self.folder.drop_common()
+        save_project(atlas, self.folder.common_path, source=source, annotations=kept)
         if method == EACH:
-            self._guide(atlas, which, key, progress.part(end, 0.95))
+            self._guide(atlas, which, segmented, key, progress.part(end, 0.95))
+        advice = advice.spread(segmented, len(self.lapse))
         self.folder.keep_common(_record(key, method, which, mean.timepoints, advice))
         return True
 
@@ -150,15 +164,17 @@ class MovieWork:
 
     # An atlas for each timepoint ---------------------------------------------------
 
-    def _guide(self, atlas: Atlas, which: int, key: str, progress: Progress) -> None:
-        """Bring the guide to one timepoint after the other."""
+    def _guide(
+        self, atlas: Atlas, which: int, segmented: list[int], key: str, progress: Progress
+    ) -> None:
+        """Bring the guide to one timepoint after the other, of those that have a mask."""
         mask, _ = self.folder.mask(which)
         guide = guide_of(mask, atlas.reference, atlas.sphere)
         self.folder.keep_guide(which, key, guide)
-        for done, (timepoint, before) in enumerate(in_order(len(self.lapse), which)):
+        for done, (timepoint, before) in enumerate(in_order(segmented, which)):
             if self.folder.guide(timepoint, key) is not None:
                 continue
-            size = len(self.lapse)
+            size = len(segmented)
             part = progress.part(done / size, (done + 1) / size)
             found = self.folder.guide(before, key)
             assert found is not None
@@ -237,9 +253,15 @@ class MovieWork:
         return kept[1]
 
     def _masks(self, progress: Progress) -> Iterable[Mask]:
-        for timepoint in range(len(self.lapse)):
-            progress(timepoint / len(self.lapse), "the cell at all timepoints")
+        segmented = self.segmented()
+        for done, timepoint in enumerate(segmented):
+            progress(done / len(segmented), "the cell at all timepoints")
             yield self.folder.mask(timepoint)[0]
+
+    def segmented(self) -> list[int]:
+        """The timepoints that have a mask: in a batch, one that fails does not stop the others."""
+        every = range(len(self.lapse))
+        return [t for t in every if self.folder.has_mask(t, self.mask_key(t))]
 
     @staticmethod
     def _mean_or_none(mean: MeanOutline) -> TemporalMask | None:
@@ -248,10 +270,18 @@ class MovieWork:
         except NoMeanError:
             return None
 
-    def _chosen_timepoint(self) -> int:
+    def _chosen_timepoint(self, segmented: list[int]) -> int:
         which = self.parameters.movie.timepoint
         self.lapse.at(which)
-        return which
+        if which in segmented:
+            return which
+        if not segmented or self.parameters.movie.common == TIMEPOINT:
+            raise InputError(
+                f"The cell was not found at timepoint {which}, which makes the common space.",
+                segmented=len(segmented),
+                hint="Choose another timepoint (movie.timepoint), or look why it failed.",
+            )
+        return min(segmented, key=lambda timepoint: abs(timepoint - which))
 
     def _register(self, timepoint: int, progress: Progress) -> Registered:
         chosen = self.parameters.registration
@@ -289,7 +319,7 @@ class MovieWork:
         chosen = self.parameters.movie
         how = (chosen.common, chosen.timepoint, chosen.largest_outside)
         steps = [getattr(self.parameters, name).model_dump_json() for name in SPACE]
-        masks = [self.mask_key(t) for t in range(len(self.lapse))]
+        masks = [(t, self.mask_key(t)) for t in self.segmented()]
         return self._key("common", how, steps, masks)
 
     def frame_key(self, timepoint: int) -> str:
@@ -310,6 +340,16 @@ def stages(timepoints: int) -> Iterable[tuple[Stage, range]]:
     yield "segment", range(timepoints)
     yield "common", range(1)
     yield "frame", range(timepoints)
+
+
+def kept_annotations(path: Path, atlas: Atlas) -> State | None:
+    """What was drawn on the common space in a file, as it is to be on one that replaces it."""
+    if not path.is_file():
+        return None
+    before = load_project(path)
+    if before.annotated is None or not before.annotations.names:
+        return None
+    return moved(before.annotations, atlas)
 
 
 def _record(

@@ -24,14 +24,15 @@ class Timelapse:
 
     Attributes
     ----------
-    sources : Stack, or tuple of Stack, Mask or Surface
-        A stack with a t axis, or one source for each timepoint, all of one kind.
+    sources : Stack, or sequence of Stack, Mask or Surface
+        A stack with a t axis, or one source for each timepoint, all of one kind; a sequence may
+        open them one by one.
     time_step_s : float
         Seconds between two timepoints.
     name : str
     """
 
-    sources: Stack | tuple[Source, ...]
+    sources: Stack | Sequence[Source]
     time_step_s: float
     name: str = "movie"
 
@@ -87,6 +88,19 @@ class Timelapse:
                 )
         first = getattr(sources[0], "name", "")
         return cls(sources, _checked_step(time_step), name or first or "movie")
+
+    @classmethod
+    def of_lazy(cls, sources: Sequence[Source], time_step: float | None, name: str) -> Timelapse:
+        """Of sources that are opened when they are asked for; checked then, one by one.
+
+        Raises
+        ------
+        InputError
+            There are fewer than two timepoints, or the time between them is not known.
+        """
+        if len(sources) < 2:
+            raise InputError("A movie has at least two timepoints.", timepoints=len(sources))
+        return cls(sources, _checked_step(time_step), name)
 
     def __len__(self) -> int:
         return self.sources.timepoints if isinstance(self.sources, Stack) else len(self.sources)

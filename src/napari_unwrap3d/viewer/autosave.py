@@ -7,6 +7,7 @@ their own, and what a crashed process left is told from what is still in use.
 from __future__ import annotations
 
 import logging
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -31,34 +32,47 @@ logger = logging.getLogger(__name__)
 REST_MS = 5_000
 CLOSE_SECONDS = 20.0
 FOLDER = "napari-unwrap3d/unsaved"
+LOCK = ".lock"
 
 
 def unsaved_folder() -> Path:
-    """Where cells are kept that were drawn on, but not saved."""
+    """Where cells are kept that were drawn on, and movies that were made, but not saved."""
     place = QStandardPaths.writableLocation(QStandardPaths.StandardLocation.GenericDataLocation)
     return Path(place) / FOLDER
 
 
 def left_behind() -> list[Path]:
-    """Cells of windows that are gone, the newest first."""
+    """Cells and movies of windows that are gone, the newest first."""
     files = sorted(unsaved_folder().glob(f"*{SUFFIX}"), key=lambda p: p.stat().st_mtime)
     return [path for path in reversed(files) if _is_free(path)]
 
 
 def discard(path: Path) -> None:
-    """Delete a cell that was left behind."""
-    path.unlink(missing_ok=True)
-    _lock_of(path).unlink(missing_ok=True)
+    """Delete a cell or a movie that was left behind."""
+    if path.is_dir():
+        shutil.rmtree(path, ignore_errors=True)
+    else:
+        path.unlink(missing_ok=True)
+    path.with_suffix(LOCK).unlink(missing_ok=True)
 
 
-def _lock_of(path: Path) -> Path:
-    return path.with_suffix(".lock")
+def lock_on(path: Path) -> QLockFile:
+    """What says that a process that is alive keeps its work there; not taken yet."""
+    lock = QLockFile(str(path.with_suffix(LOCK)))
+    lock.setStaleLockTime(0)
+    return lock
+
+
+def new_place(kind: str, owner: object) -> Path:
+    """Where work is kept for the next start that was not saved: "cell" or "movie"."""
+    folder = unsaved_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder / f"{kind}-{time.strftime('%Y%m%d-%H%M%S')}-{id(owner):x}{SUFFIX}"
 
 
 def _is_free(path: Path) -> bool:
-    """Whether no process that is alive keeps its cell there."""
-    lock = QLockFile(str(_lock_of(path)))
-    lock.setStaleLockTime(0)
+    """Whether no process that is alive keeps its work there."""
+    lock = lock_on(path)
     if not lock.tryLock(0):
         return False
     lock.unlock()
@@ -188,16 +202,13 @@ class Autosave(QObject):
     def _place(self) -> Path:
         """A file for the next start, locked by us."""
         if self._kept is None:
-            folder = unsaved_folder()
-            folder.mkdir(parents=True, exist_ok=True)
-            self._kept = folder / f"cell-{time.strftime('%Y%m%d-%H%M%S')}-{id(self):x}{SUFFIX}"
+            self._kept = new_place("cell", self)
             self._lock_kept()
         return self._kept
 
     def _lock_kept(self) -> None:
         assert self._kept is not None
-        self._lock = QLockFile(str(_lock_of(self._kept)))
-        self._lock.setStaleLockTime(0)
+        self._lock = lock_on(self._kept)
         self._lock.tryLock(0)
 
     def _forget_kept(self) -> None:

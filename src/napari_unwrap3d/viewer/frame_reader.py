@@ -43,6 +43,7 @@ class FrameReader(QObject):
         self._task: Task | None = None
         self._reading = -1
         self._told = self._closed = False
+        self._stale = False  # what is being read belongs to frames that were made anew since
         # In the next turn of the event loop, so that a slider that is dragged is not held up.
         self._timer = soon(self, self._tell)
 
@@ -64,6 +65,11 @@ class FrameReader(QObject):
         for timepoint in [t for t, shown in self._kept.items() if shown is None]:
             del self._kept[timepoint]
         self._read_next()
+
+    def forget(self) -> None:
+        """Frames were made anew: read again what was read."""
+        self._kept.clear()
+        self._stale = self._task is not None
 
     def close(self) -> None:
         """Read no more, and leave no thread."""
@@ -100,6 +106,10 @@ class FrameReader(QObject):
     def _on_read(self, shown: ShownFrame | None) -> None:
         self._task = None
         if self._closed:
+            return
+        if self._stale:
+            self._stale = False
+            self._read_next()
             return
         self._kept[self._reading] = shown
         for timepoint in [*self._kept]:

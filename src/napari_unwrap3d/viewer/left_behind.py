@@ -48,7 +48,9 @@ class LeftBehind(QWidget):
         self._path = found[0] if found else None
         if self._path is not None:
             when = time.strftime("%d %B, %H:%M", time.localtime(self._path.stat().st_mtime))
-            self.text.setText(f"A cell that you drew on was not saved ({when}).")
+            movie = self._path.is_dir()
+            what = "A movie that was made" if movie else "A cell that you drew on"
+            self.text.setText(f"{what} was not saved ({when}).")
         self.setVisible(self._path is not None)
 
     def _on_open(self) -> None:

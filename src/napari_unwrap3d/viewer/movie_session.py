@@ -160,6 +160,13 @@ class MovieSession(QObject):
         self._looking.failed.connect(partial(self._on_looked, None))
         self._looking.start()
 
+    def frames_made_anew(self) -> None:
+        """Frames that may have been read were made anew, with other parameters."""
+        if self._reader is not None:
+            self._reader.forget()
+            self.look_for_frames()
+            self.set_timepoint(self.wanted)
+
     def _on_looked(self, found: tuple[Movie, frozenset[int]] | None, *_: Any) -> None:
         self._looking = None
         if found is None or found[0] is not self.movie or self._look_again:

@@ -60,12 +60,25 @@ class MovieViews(QObject):
 
     def _on_movie(self, movie: Movie | None) -> None:
         self._leave()
-        if movie is not None:
-            self.colours = MovieColours(movie)
+        if movie is None:
+            return
+        self.colours = MovieColours(movie)
+        if not self._show_at_once(movie):
             self._opening = Task(_read_common, movie)
             self._opening.returned.connect(partial(self._open, movie))
             self._opening.failed.connect(self._on_failed)
             self._opening.start()
+
+    def _show_at_once(self, movie: Movie) -> bool:
+        """Show the frames of a movie whose common space is the cell of the viewer already."""
+        from .session import session_of
+
+        viewer = self._viewer()
+        atlas = None if viewer is None else session_of(viewer).atlas
+        if atlas is None or not movie.has_common(atlas):
+            return False
+        session_of(viewer).turns.add(self._show_movie(viewer, atlas))
+        return True
 
     def _on_failed(self, error: BaseException) -> None:
         self._opening = None
@@ -95,9 +108,16 @@ class MovieViews(QObject):
         yield
         session.adopt(opened.known, opened.atlas, layer, opened.layers)
         session.project_path = None
-        session.turns.add(self._show_movie(viewer, opened))
+        session.turns.add(self._follow(viewer, opened))
 
-    def _show_movie(self, viewer: Any, opened: Opened) -> Iterator[None]:
+    def _follow(self, viewer: Any, opened: Opened) -> Iterator[None]:
+        """What is drawn goes into the file of the common space."""
+        from .project import autosave_of
+
+        autosave_of(viewer).opened(opened.path)
+        yield from self._show_movie(viewer, opened.atlas)
+
+    def _show_movie(self, viewer: Any, atlas: Atlas) -> Iterator[None]:
         from .annotating import annotating_of
         from .canvas import canvas_of
         from .movie_layers import MovieLayers
@@ -110,14 +130,13 @@ class MovieViews(QObject):
             return
         annotating = annotating_of(viewer)
         yield
-        autosave_of(viewer).opened(opened.path)
         canvas = canvas_of(viewer)
-        self._atlas = opened.atlas
+        self._atlas = atlas
         self._axes = [TimeAxis(model, self._session) for model in (viewer, canvas.model)]
         open_timeline(viewer)
         yield
         autosave = autosave_of(viewer)
-        self.annotations = MovieAnnotations(self._session, opened.atlas.annotations, autosave, self)
+        self.annotations = MovieAnnotations(self._session, atlas.annotations, autosave, self)
         if self._session.shown is not None:
             self.annotations.show(self._session.timepoint)
         self.layers = MovieLayers(viewer, canvas, annotating, self.colours, self)

@@ -14,9 +14,10 @@ import numpy as np
 from ..atlas import Atlas
 from ..charts import Mask, Size3, Stack, Surface
 from ..errors import Unwrap3DError
+from ..files.movie import is_movie
 from ..files.project import load_project, load_source, read_summary, save_project
 from ..parameters import Parameters
-from ..pipeline import Pipeline, Source
+from ..pipeline import STEP_NAMES, Pipeline, Source
 from .annotating import annotating_of
 from .autosave import Autosave, unsaved_folder
 from .canvas import canvas_of
@@ -72,7 +73,12 @@ class Opened:
         return Known(self.pipeline, self.identity, self.origin, shown)
 
 
-def read_opened(path: str | Path, atlas: Atlas | None = None) -> Opened:
+def read_opened(
+    path: str | Path,
+    atlas: Atlas | None = None,
+    parameters: Parameters | None = None,
+    origin: Size3 | None = None,
+) -> Opened:
     """Read a project and make its layers: what takes long, to be done in a thread.
 
     Parameters
@@ -80,6 +86,10 @@ def read_opened(path: str | Path, atlas: Atlas | None = None) -> Opened:
     path : path
     atlas : Atlas, optional
         Of that project, where it was read already.
+    parameters : Parameters, optional
+        Instead of its own: those of the movie whose common space it is.
+    origin : (float, float, float), optional
+        Where it lies, (z, y, x) in µm; by default what the file says.
 
     Raises
     ------
@@ -91,7 +101,8 @@ def read_opened(path: str | Path, atlas: Atlas | None = None) -> Opened:
     view = read_summary(path)["view"]
     data = _as_layer_holds(atlas.mask if source is None else source)
     atlas = _of_source(atlas, data)
-    origin = _origin(view)
+    atlas = atlas if parameters is None else atlas.replaced(parameters=parameters)
+    origin = _origin(view) if origin is None else origin
     known = view.get(SOURCE_NAME)
     name = str(known.get("name", "")) if isinstance(known, dict) else ""
     charts = atlas_charts(atlas)
@@ -177,10 +188,14 @@ def open_project(viewer: Any, path: str | Path) -> None:
     ----------
     viewer : napari.Viewer
     path : path
-        A ``*.unwrap3d`` file.
+        A ``*.unwrap3d`` file; that of a movie, or its folder, is opened as one.
     """
+    from .movie_project import open_movie
     from .wizard import open_wizard
 
+    if is_movie(path):
+        open_movie(viewer, path)
+        return
     viewer = getattr(viewer, "__wrapped__", viewer)
     session = session_of(viewer)
     if session.running:
@@ -204,6 +219,14 @@ def _show(viewer: weakref.ref[Any], opened: Opened) -> None:
 
 def _showing(there: Any, opened: Opened) -> Iterator[None]:
     """Show an opened project, a piece per turn of the event loop."""
+    yield from adopting(there, opened)
+    session = session_of(there)
+    session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
+    session.turns.add(_look(there, opened))
+
+
+def adopting(there: Any, opened: Opened, until: str = STEP_NAMES[-1]) -> Iterator[None]:
+    """Put an opened cell in the place of the one that is shown."""
     from napari.layers import Layer
 
     session = session_of(there)
@@ -212,20 +235,22 @@ def _showing(there: Any, opened: Opened) -> Iterator[None]:
     yield
     there.layers.append(layer)
     yield
-    session.adopt(opened.known, opened.atlas, layer, opened.layers)
-    session.project_path = None if opened.path.parent == unsaved_folder() else opened.path
-    session.turns.add(_look(there, opened))
+    session.adopt(opened.known, opened.atlas, layer, opened.layers, until)
 
 
 def _look(there: Any, opened: Opened) -> Iterator[None]:
+    yield from looking(there, opened)
+    session_of(there).told.emit(f"Opened {opened.path.name}.")
+    yield
+
+
+def looking(there: Any, opened: Opened) -> Iterator[None]:
     """When everything is there: make the window look as it did."""
     if opened.atlas.annotated is not None and opened.atlas.annotations.names:
         annotating_of(there)
         yield
     yield from showing_view(there, opened.view)
     autosave_of(there).opened(opened.path)
-    session_of(there).told.emit(f"Opened {opened.path.name}.")
-    yield
 
 
 def _not_opened(viewer: weakref.ref[Any], error: BaseException) -> None:

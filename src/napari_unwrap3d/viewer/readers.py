@@ -11,7 +11,9 @@ import numpy as np
 from ..charts import Surface
 from ..errors import InputError
 from ..files.meshes import MESH_SUFFIXES, read_mesh
-from ..files.project import SUFFIX, load_project
+from ..files.movie import is_movie
+from ..files.project import MOVIE, SUFFIX, load_project
+from ..motion.movie import load_movie
 from .layers import LayerData, atlas_layers, mesh_layer
 
 Reader = Callable[[str | list[str]], list[LayerData]]
@@ -23,8 +25,13 @@ def get_mesh_reader(path: str | list[str]) -> Reader | None:
 
 
 def get_project_reader(path: str | list[str]) -> Reader | None:
-    """The reader of ``*.unwrap3d`` projects; None for other paths."""
-    return read_projects if _all_end_with(path, (SUFFIX,)) else None
+    """The reader of ``*.unwrap3d`` projects, of cells and of movies; None for other paths.
+
+    A movie may also be a folder, or the ``movie.json`` in it.
+    """
+    paths = [_folder_of(each) for each in _paths(path)]
+    ours = bool(paths) and all(_is_ours(each) for each in paths)
+    return read_projects if ours else None
 
 
 def read_meshes(path: str | list[str]) -> list[LayerData]:
@@ -45,9 +52,12 @@ def read_projects(path: str | list[str]) -> list[Any]:
     """
     import napari
 
-    viewer, paths = napari.current_viewer(), _paths(path)
+    viewer, paths = napari.current_viewer(), [_folder_of(each) for each in _paths(path)]
     if viewer is None:
-        return [layer for each in paths for layer in atlas_layers(load_project(each))]
+        atlases = [
+            load_movie(each).common if is_movie(each) else load_project(each) for each in paths
+        ]
+        return [layer for atlas in atlases for layer in atlas_layers(atlas)]
     if len(paths) > 1:
         raise InputError(
             "A window shows one cell.", projects=len(paths), hint="Open one project at a time."
@@ -57,6 +67,15 @@ def read_projects(path: str | list[str]) -> list[Any]:
     open_project(viewer, paths[0])
     # What napari takes for "read, and there is nothing to add".
     return [(None,)]
+
+
+def _folder_of(path: Path) -> Path:
+    """The folder of a movie, where its manifest is named."""
+    return path.parent if path.name == MOVIE else path
+
+
+def _is_ours(path: Path) -> bool:
+    return is_movie(path) if path.is_dir() else path.suffix.lower() == SUFFIX
 
 
 def _mesh_layer(path: Path) -> LayerData:

@@ -1,8 +1,12 @@
-"""Sample data: one simulated light-sheet cell per kind, with its truth."""
+"""Sample data: one simulated light-sheet cell per kind, with its truth; and a movie of one."""
 
 from __future__ import annotations
 
+import numpy as np
+
 from .. import simulate
+from ..charts import Stack
+from ..movie_demo import demo_stack
 from .layers import SPACE, UNIT, LayerData
 
 
@@ -64,3 +68,29 @@ def handles() -> list[LayerData]:
 def mix() -> list[LayerData]:
     """A cell with sheets, filopodia and blebs."""
     return sample("mix")
+
+
+def blebbing() -> list[LayerData]:
+    """A movie of a cell whose blebs come and go, and which drifts."""
+    return [timelapse_layer(demo_stack("blebs", 0))]
+
+
+def timelapse_layer(stack: Stack) -> LayerData:
+    """A timelapse as a layer, with its seconds and micrometres; it is read as a whole."""
+    scale = {
+        "t": stack.time_step or 1.0,
+        "c": 1.0,
+        **dict(zip(SPACE, stack.voxel_size, strict=True)),
+    }
+    units = {
+        "t": "second" if stack.time_step else "pixel",
+        "c": "pixel",
+        **dict.fromkeys(SPACE, UNIT),
+    }
+    attributes = {
+        "name": stack.name,
+        "scale": tuple(scale[axis] for axis in stack.axes),
+        "units": tuple(units[axis] for axis in stack.axes),
+        "axis_labels": tuple(stack.axes),
+    }
+    return np.asarray(stack.data), attributes, "image"

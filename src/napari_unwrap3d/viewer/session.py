@@ -418,7 +418,12 @@ class Session(QObject):
             self._rest.start()
 
     def adopt(
-        self, known: Known, atlas: Atlas, layer: Layer | None, layers: list[LayerData]
+        self,
+        known: Known,
+        atlas: Atlas,
+        layer: Layer | None,
+        layers: list[LayerData],
+        until: str = STEP_NAMES[-1],
     ) -> None:
         """Go on with a cell that was unwrapped before, as after a run.
 
@@ -431,11 +436,13 @@ class Session(QObject):
             The source, in the viewer.
         layers : list of LayerData
             Of every chart.
+        until : str
+            Up to which step changed parameters compute it anew; empty: not by themselves.
         """
         self._on_source(known)
         self.set_source(layer)
         self._parameters, self._problems, self._failed = atlas.parameters, {}, None
-        self._until, self._closed = STEP_NAMES[-1], False
+        self._until, self._closed = until, False
         self._picture.begin()
         self.parameters_changed.emit(self._parameters)
         self.turns.add(self._place(layers, dict(atlas_charts(atlas))))

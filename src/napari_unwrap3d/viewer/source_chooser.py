@@ -25,6 +25,12 @@ if TYPE_CHECKING:
     from .session import Session
 
 
+def show_number(box: QDoubleSpinBox, value: float) -> None:
+    """Show a number; one that stands there already is not written anew while it is typed."""
+    if box.value() != round(value, box.decimals()):
+        box.setValue(value)
+
+
 class VoxelSizeBox(QWidget):
     """Three numbers (z, y, x) in µm; zero shows as "?" and means not known."""
 
@@ -54,7 +60,7 @@ class VoxelSizeBox(QWidget):
     @value.setter
     def value(self, sizes: Size3 | None) -> None:
         for box, size in zip(self.boxes, sizes or (0.0, 0.0, 0.0), strict=True):
-            box.setValue(size)
+            show_number(box, size)
 
 
 class SourceChooser(QWidget):

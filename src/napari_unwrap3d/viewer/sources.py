@@ -179,7 +179,7 @@ def layer_source(layer: Layer, voxel_size: Size3 | None = None) -> LayerSource:
         data,
         axes,
         sizes,
-        time_step=_time_step(layer) if "t" in axes else None,
+        time_step=layer_time_step(layer),
         channels=tuple(f"channel {i}" for i in range(channels)),
         name=layer.name,
     )
@@ -203,8 +203,12 @@ def micrometres(layer: Layer) -> np.ndarray | None:
     return np.array([(1 * u).to("micrometre").magnitude for u in units])
 
 
-def _time_step(layer: Layer) -> float | None:
-    index = layer_axes(layer).index("t")
+def layer_time_step(layer: Layer) -> float | None:
+    """Seconds between two timepoints; None without a t axis, or where its unit is no time."""
+    axes = "tzyx"[-layer.ndim :] if type(layer).__name__ == "Surface" else layer_axes(layer)
+    if "t" not in axes:
+        return None
+    index = axes.index("t")
     unit = layer.units[index]
     if not unit.is_compatible_with("second"):
         return None

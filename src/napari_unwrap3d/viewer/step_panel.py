@@ -9,17 +9,13 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QEvent, Qt
-from qtpy.QtGui import QMouseEvent
+from qtpy.QtCore import Qt
 from qtpy.QtWidgets import (
     QCheckBox,
     QFrame,
     QHBoxLayout,
-    QLabel,
     QPushButton,
     QScrollArea,
-    QSizePolicy,
-    QToolButton,
     QVBoxLayout,
     QWidget,
 )
@@ -30,7 +26,7 @@ from ..unwrapping.histograms import sphere_histograms, uv_histograms
 from .connections import end_with_dock
 from .docking import Docked
 from .forms import ParametersForm
-from .progress_bar import ProgressBar
+from .section import Section
 from .session import Session, session_of
 from .source_chooser import SourceChooser
 from .sources import senseless_parameters
@@ -43,10 +39,9 @@ if TYPE_CHECKING:
     import napari
 
 WIDTH = 360
-HIGHLIGHT = "#42a5f5"
 
 
-class StepPanel(QFrame):
+class StepPanel(Section):
     """One step of the pipeline.
 
     Parameters
@@ -61,7 +56,8 @@ class StepPanel(QFrame):
     def __init__(
         self, session: Session, step: str, *, expanded: bool = False, parent: QWidget | None = None
     ) -> None:
-        super().__init__(parent)
+        name = f"{STEPS.index(step) + 1}  {TITLES[step]}"
+        super().__init__(name, DESCRIPTIONS[step], parent)
         self.session, self.step = session, step
         self.initial = Parameters()
         self._plotted: Any = None
@@ -78,30 +74,8 @@ class StepPanel(QFrame):
     # Building ----------------------------------------------------------------
 
     def _build(self) -> None:
-        name = f"{STEPS.index(self.step) + 1}  {TITLES[self.step]}"
-        self.title = QToolButton()
-        self.title.setText(name)
-        self.title.setCheckable(True)
-        self.title.setAutoRaise(True)
-        self.title.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
-        self.title.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.title.setToolTip(f"{DESCRIPTIONS[self.step]}\nClick to see the parameters.")
-        self.title.setStyleSheet(
-            "QToolButton { font-weight: bold; text-align: left; border: none;"
-            " background: transparent; padding: 2px; }"
-        )
-        self.seconds, self.mark = QLabel(), QLabel()
-        self.run_button, self.cancel_button = QPushButton("Run"), QPushButton("Cancel")
         self.run_button.setToolTip(f"Compute everything up to this step: {TITLES[self.step]}.")
         self.cancel_button.setToolTip("Stop; finished steps are kept.")
-        self.progress_bar = ProgressBar()
-        self.progress_bar.setRange(0, 1000)
-        self.progress_bar.setTextVisible(False)
-        self.progress_bar.setFixedHeight(6)
-        self.status = QLabel()
-        self.status.setWordWrap(True)
-        self.description = QLabel(DESCRIPTIONS[self.step])
-        self.description.setWordWrap(True)
         self.groups = groups_of(self.step)
         self.form = ParametersForm(Parameters(), MAIN, steps=self.groups, without=IMPLIED)
         self.more = QCheckBox("More")
@@ -122,36 +96,16 @@ class StepPanel(QFrame):
         return DistortionPlot(self.session) if self.step in ("sphere", "uv") else None
 
     def _arrange(self) -> None:
-        self.setObjectName("step")
-        header = QHBoxLayout()
-        header.setContentsMargins(0, 0, 0, 0)
-        header.addWidget(self.mark)
-        header.addWidget(self.title, 1)
-        for widget in (self.seconds, self.run_button, self.cancel_button):
-            header.addWidget(widget)
-        self.body = QWidget()
-        column = QVBoxLayout(self.body)
-        column.setContentsMargins(18, 0, 0, 4)
-        column.addWidget(self.description)
-        column.addWidget(self.form)
+        self.column.addWidget(self.form)
         if self.plot is not None:
-            column.addWidget(self.plot)
+            self.column.addWidget(self.plot)
         row = QHBoxLayout()
         row.addWidget(self.more)
         row.addStretch(1)
         row.addWidget(self.reset_button)
-        column.addLayout(row)
-        layout = QVBoxLayout(self)
-        layout.setContentsMargins(6, 3, 4, 3)
-        layout.setSpacing(2)
-        layout.addLayout(header)
-        layout.addWidget(self.progress_bar)
-        layout.addWidget(self.status)
-        layout.addWidget(self.body)
-        self.status.setContentsMargins(18, 0, 0, 0)
+        self.column.addLayout(row)
 
     def _connect(self) -> None:
-        self.title.toggled.connect(self.expand)
         self.run_button.clicked.connect(self.run)
         self.cancel_button.clicked.connect(self.session.cancel_by_user)
         self.reset_button.clicked.connect(self.reset)
@@ -169,10 +123,7 @@ class StepPanel(QFrame):
 
     def expand(self, expanded: bool) -> None:
         """Show or hide the parameters."""
-        self.title.setChecked(expanded)
-        arrow = Qt.ArrowType.DownArrow if expanded else Qt.ArrowType.RightArrow
-        self.title.setArrowType(arrow)
-        self.body.setVisible(expanded)
+        super().expand(expanded)
         self._plot_charts()
 
     def run(self) -> None:
@@ -250,10 +201,7 @@ class StepPanel(QFrame):
         self._on_running(self.session.running)
 
     def _show(self, step: StepState) -> None:
-        sign, colour, meaning = mark_of(self.step, step)
-        self.mark.setText(sign)
-        self.mark.setStyleSheet(f"color: {colour}; font-size: 14px;")
-        self.mark.setToolTip(meaning)
+        self.show_mark(*mark_of(self.step, step))
         done = step.state == DONE and step.seconds is not None
         self.seconds.setText(f"{step.seconds:.1f} s" if done else step.brief)
         self.seconds.setToolTip("" if done else step.reason)
@@ -271,23 +219,13 @@ class StepPanel(QFrame):
         self.seconds.setVisible(not here)
         self.cancel_button.setVisible(here)
         self.run_button.setEnabled(not running and not self.session.blocked())
-        self._highlight(self.session.next_step() == self.step and not running)
+        self.highlight(self.session.next_step() == self.step and not running)
 
     def _on_progress(self, step: str, fraction: float, message: str) -> None:
         if step == self.step:
             self.progress_bar.setValue(round(1000 * fraction))
             if message:
                 self.status.setText(message)
-
-    def _highlight(self, highlight: bool) -> None:
-        """The step that is sensible to run next stands out."""
-        if self.property("next") == highlight:
-            return
-        self.setProperty("next", highlight)
-        edge = HIGHLIGHT if highlight else "transparent"
-        self.setStyleSheet(f"QFrame#step {{ border: none; border-left: 3px solid {edge}; }}")
-        colour = f"background-color: {HIGHLIGHT}; color: white; font-weight: bold;"
-        self.run_button.setStyleSheet(colour if highlight else "")
 
     # The plot ----------------------------------------------------------------
 
@@ -320,14 +258,6 @@ class StepPanel(QFrame):
                 self.plot.compute(sphere_histograms, self.session.charts["reference"], chart)
             else:
                 self.plot.compute(uv_histograms, chart)
-
-    def mousePressEvent(self, event: QMouseEvent | None) -> None:
-        """A click beside the title opens the panel, too."""
-        if event is not None and event.type() == QEvent.Type.MouseButtonPress:
-            below = self.title.geometry().bottom()
-            if event.pos().y() <= below:
-                self.title.toggle()
-        super().mousePressEvent(event)
 
 
 class StepDock(Docked):

@@ -82,11 +82,11 @@ class Plot(QWidget):
         return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
 
     @staticmethod
-    def style(axes: Any, colours: dict[str, str], title: str) -> None:
-        """Axes in the theme's colours."""
+    def style(axes: Any, colours: dict[str, str], title: str, where: str = "center") -> None:
+        """Axes in the theme's colours, with a title "center" or "left"."""
         axes.set_facecolor(colours["background"])
         axes.tick_params(colors=colours["text"], labelsize=FONT, length=2)
-        axes.set_title(title, fontsize=FONT + 1, color=colours["text"], pad=3)
+        axes.set_title(title, fontsize=FONT + 1, color=colours["text"], pad=3, loc=where)
         for side, spine in axes.spines.items():
             spine.set_visible(side in ("left", "bottom"))
             spine.set_color(colours["secondary"])

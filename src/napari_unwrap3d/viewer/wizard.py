@@ -12,6 +12,7 @@ from qtpy.QtWidgets import (
     QHBoxLayout,
     QLabel,
     QPushButton,
+    QTabWidget,
     QVBoxLayout,
     QWidget,
 )
@@ -24,11 +25,13 @@ from .connections import end_with_dock
 from .docking import Docked
 from .instances import instances_of
 from .left_behind import LeftBehind
+from .movie_wizard import MoviePanel
 from .progress_bar import ProgressBar
 from .project import autosave_of, open_project, saving_task
+from .section import HIGHLIGHT
 from .session import REQUESTED, session_of
 from .source_chooser import SourceChooser
-from .step_panel import HIGHLIGHT, WIDTH, StepPanel, scrolling
+from .step_panel import WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
 from .threads import Task, tell
 
@@ -107,6 +110,9 @@ class Wizard(Docked):
         self.open_button = QPushButton("Open …")
         self.open_button.setToolTip("Open a *.unwrap3d project; it may also be dropped here.")
         self.left = LeftBehind(self.viewer)
+        self.pages = QTabWidget()
+        self.pages.setDocumentMode(True)
+        self.movie = MoviePanel(self.viewer)
 
     def _arrange(self) -> None:
         presets = QHBoxLayout()
@@ -125,9 +131,9 @@ class Wizard(Docked):
         buttons.addWidget(self.cancel_button)
         buttons.addWidget(self.open_button)
         buttons.addWidget(self.save_button)
-        layout = QVBoxLayout(self)
+        cell = QWidget()
+        layout = QVBoxLayout(cell)
         layout.setContentsMargins(6, 6, 6, 6)
-        layout.addWidget(self.left)
         layout.addWidget(self.chooser)
         layout.addLayout(presets)
         layout.addWidget(scrolling(steps), 1)
@@ -135,7 +141,14 @@ class Wizard(Docked):
         layout.addWidget(self.progress_bar)
         layout.addWidget(self.message)
         layout.addLayout(buttons)
+        self.pages.addTab(cell, "Cell")
+        self.pages.addTab(self.movie, "Movie")
+        whole = QVBoxLayout(self)
+        whole.setContentsMargins(0, 0, 0, 0)
+        whole.addWidget(self.left)
+        whole.addWidget(self.pages)
         self.setMinimumWidth(WIDTH)
+        self._on_movie()
 
     def _connect(self) -> None:
         self.preset_box.changed.connect(self._on_preset)
@@ -152,6 +165,8 @@ class Wizard(Docked):
         self.session.running_changed.connect(self._on_running)
         self.session.finished.connect(self._on_finished)
         self.session.stopped.connect(self._on_stopped)
+        self.movie.run.source_changed.connect(self._on_movie)
+        self.movie.run.movie_changed.connect(self._on_movie)
 
     # What the user does ------------------------------------------------------
 
@@ -188,7 +203,20 @@ class Wizard(Docked):
         dock.show()
         dock.raise_()
 
+    def show_movie(self) -> MoviePanel:
+        """Turn to the page of the movie."""
+        self.pages.setTabVisible(1, True)
+        self.pages.setCurrentIndex(1)
+        return self.movie
+
     # What the session says ---------------------------------------------------
+
+    def _on_movie(self) -> None:
+        """There is a page for the movie where there is a timelapse, or a movie."""
+        run = self.movie.run
+        there = run.source is not None or run.movie is not None or bool(run.candidates())
+        self.pages.setTabVisible(1, there or self.pages.currentIndex() == 1)
+        self.pages.tabBar().setVisible(self.pages.isTabVisible(1))
 
     def _on_running(self, running: bool) -> None:
         self.cancel_button.setEnabled(running)
