@@ -22,7 +22,6 @@ if TYPE_CHECKING:
 
 LOOPBACK = "127.0.0.1"
 WAIT_SECONDS = 60
-CLOSE_SECONDS = 10
 # Sums in these libraries depend on the number of their threads: one, for the same result
 # with any number of workers.
 ONE_THREAD = (
@@ -73,7 +72,7 @@ def local(crew: Crew, retries: int) -> Iterator[Client]:
     }
     with (
         dask.config.set(settings),
-        _kept_environment(environment),
+        _environment(environment),
         LocalCluster(
             n_workers=crew.workers,
             threads_per_worker=1,
@@ -167,9 +166,10 @@ def described(client: Client, largest: float) -> str:
 
 
 @contextmanager
-def _kept_environment(names: dict[str, str]) -> Iterator[None]:
-    """What distributed sets here for the workers to inherit is undone."""
+def _environment(names: dict[str, str]) -> Iterator[None]:
+    """Set what workers, and Python's helper of their processes, inherit; undone afterwards."""
     before = {name: os.environ.get(name) for name in names}
+    os.environ.update(names)
     try:
         yield
     finally:
