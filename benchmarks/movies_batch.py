@@ -40,7 +40,7 @@ from napari_unwrap3d.files.project import load_project
 from napari_unwrap3d.files.stacks import write_image
 
 SEED = 0
-TIMEPOINTS = 40
+TIMEPOINTS = 80
 SIZE = 96
 ROWS = 128
 WORKERS = 2

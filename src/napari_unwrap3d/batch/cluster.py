@@ -32,6 +32,8 @@ ONE_THREAD = (
     "BLIS_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
 )
+# Python tells of what a process that was ended could not tidy; the system does it.
+NO_TIDYING = "ignore::UserWarning:multiprocessing.resource_tracker"
 # A terminal's Ctrl-C reaches all of its processes: the batch itself ends the workers.
 NO_INTERRUPTS = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
 
@@ -55,6 +57,8 @@ def local(crew: Crew, retries: int) -> Iterator[Client]:
 
     environment: dict[str, str] = dict.fromkeys(ONE_THREAD, "1")
     environment |= {THREADS_VARIABLE: str(crew.threads), "NUMBA_NUM_THREADS": str(crew.threads)}
+    warnings = filter(None, [os.environ.get("PYTHONWARNINGS"), NO_TIDYING])
+    environment["PYTHONWARNINGS"] = ",".join(warnings)
     settings = {
         # Nothing is kept between pieces, so that there is nothing to spill, and pausing would
         # not free memory; what remains is that a worker is ended before the machine is full.
