@@ -97,11 +97,13 @@ def register(
 ) -> tuple[Rigid, dict[str, Any]]:
     """The motion that brings one timepoint of a cell onto another, and what was measured.
 
-    Three passes, each of which starts from the one before: the shift between coarse copies
-    (cross-correlation by FFT, scikit-image), the whole cell by the correlation of intensities
-    (SimpleITK, two levels), and a robust fit, from which places that do not correspond drop out
-    (:func:`~napari_unwrap3d.geometry.rigid_fit.fit_motion`). What comes and goes on a cell, as
-    blebs do, pulls the second pass off by a voxel and a degree; the third finds the body.
+    In passes, each of which starts from the one before: the shift between coarse copies
+    (cross-correlation by FFT, scikit-image); the whole cell by the correlation of intensities
+    (SimpleITK, two levels); a robust fit of equally blurred volumes, from which places that do
+    not correspond drop out (:mod:`~napari_unwrap3d.geometry.rigid_fit`); and, of images, a fit of
+    the sharp ones where they correspond (:mod:`~napari_unwrap3d.geometry.sharp_fit`). What comes
+    and goes on a cell, as blebs do, pulls the second pass off by a voxel and a degree; the third
+    finds the body, and the last averages the noise.
 
     Parameters
     ----------
@@ -141,7 +143,8 @@ def register(
     edge, origin = pair.moving.voxel_size[0], pair.moving.origin
     fit = progress.run(fit_motion, samples, pair.moving.data, origin, edge, found, rotate=rotate)
     progress(0.8, "fine structure")
-    pose = progress.run(pair.refined, fit, rotate=rotate)
+    # Between the steps of a mask there is no fine structure.
+    pose = fit.pose if pair.masks else progress.run(pair.refined, fit, rotate=rotate)
     found_there, inside = sampled(pair.moving.data, origin, edge, samples.points, fit.pose)
     kept = (fit.weights(samples.values, found_there, samples.points) > 0) & inside
     points, values = samples.points[kept], samples.values[kept]
@@ -232,6 +235,7 @@ class _Pair:
     centre: Floats
     start: Rigid
     blur_um: float
+    masks: bool
 
     @classmethod
     def of(
@@ -243,10 +247,18 @@ class _Pair:
         *,
         apart: bool = True,
     ) -> _Pair:
-        """Find the cell, and read and resample what is around it."""
-        blur = parameters.blur_um or common_blur_um(fixed.voxel_size, moving.voxel_size)
+        """Find the cell, and read and resample what is around it.
+
+        What is `apart` may have drifted and turned. Else it is two channels at one place, which
+        the microscope blurs alike: they stay as sharp as they are, as blur shifts the outline of
+        what is unevenly bright.
+        """
+        finest = min(*fixed.voxel_size, *moving.voxel_size)
+        common = common_blur_um(fixed.voxel_size, moving.voxel_size) if apart else finest
+        blur = parameters.blur_um or common
         halves = progress.part(0.0, 0.3), progress.part(0.3, 0.6)
-        coarse = [_coarse(each, half) for each, half in zip((fixed, moving), halves, strict=True)]
+        found = [_coarse(each, half) for each, half in zip((fixed, moving), halves, strict=True)]
+        coarse = [volume for volume, _ in found]
         low, high = _cell_bounds(coarse[0])
         shift = np.zeros(3)
         if apart:
@@ -255,7 +267,7 @@ class _Pair:
         margin = (OUTWARDS + 1) * blur
         edge = max(
             blur / PER_BLUR,
-            min(*fixed.voxel_size, *moving.voxel_size),
+            finest,
             float((np.prod(high - low + 2 * margin) / FINE_VOXELS) ** (1 / 3)),
         )
         room = margin + ROOM * float((high - low).max())
@@ -268,7 +280,9 @@ class _Pair:
         other = progress.run(isotropic, moving_part, blur, edge)
         region, centre = progress.run(_region, fine, blur)
         parts = fixed_part, moving_part
-        return cls(fine, other, parts, region, centre, Rigid(np.eye(3), -shift), blur)
+        masks = any(two_values for _, two_values in found)
+        start = Rigid(np.eye(3), -shift)
+        return cls(fine, other, parts, region, centre, start, blur, masks)
 
     def refined(self, fit: Fit, *, rotate: bool) -> Rigid:
         """The motion from what both volumes show where they correspond, at their full sharpness."""
@@ -309,16 +323,23 @@ class _Pair:
         )
 
 
-def _coarse(volume: Volume, progress: Progress) -> Volume:
-    """Means over blocks, on cubic voxels."""
+def _coarse(volume: Volume, progress: Progress) -> tuple[Volume, bool]:
+    """Means over blocks, on cubic voxels; and whether the volume is a mask."""
     found = scan(volume.data, volume.voxel_size, progress)
+    if not found.highest > found.lowest:
+        raise EmptyMaskError(
+            "The image has one intensity everywhere, so there is no cell to register.",
+            intensity=found.lowest,
+            hint="Choose another channel (stack.channel), or registration.method = none.",
+        )
     factors = np.asarray(found.factors)
     z, y, x = (float(s) for s in factors * np.asarray(volume.voxel_size))
     first = volume.to_world((factors - 1)[None] / 2)[0]
     blocks = Volume(found.coarse, (z, y, x), (first[0], first[1], first[2]))
     edge = float((np.prod(np.asarray(blocks.shape) * (z, y, x)) / COARSE_VOXELS) ** (1 / 3))
     edge = max(edge, z, y, x)
-    return isotropic(blocks, max(edge, common_blur_um(blocks.voxel_size)), edge)
+    coarse = isotropic(blocks, max(edge, common_blur_um(blocks.voxel_size)), edge)
+    return coarse, found.two_values
 
 
 def _cell_bounds(coarse: Volume) -> tuple[Floats, Floats]:
@@ -333,12 +354,6 @@ def _cell(data: npt.NDArray[np.float32]) -> Bools:
     """The largest bright thing, without its cavities."""
     from skimage.filters import threshold_otsu
 
-    if not data.max() > data.min():
-        raise EmptyMaskError(
-            "The image has one intensity everywhere, so there is no cell to register.",
-            intensity=float(data.max()),
-            hint="Choose another channel (stack.channel), or registration.method = none.",
-        )
     return fill_cavities(largest_part(data > threshold_otsu(data)))
 
 
