@@ -6,10 +6,13 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
 
 from napari_unwrap3d.charts import Mask, Volume
 from napari_unwrap3d.errors import ParameterError
+from napari_unwrap3d.geometry.rigid import Rigid
 from napari_unwrap3d.imaging.resample import (
+    covered,
     interpolate_axis,
     mask_to_working_grid,
     to_working_grid,
@@ -120,3 +123,82 @@ def test_thin_parts_of_a_mask_survive() -> None:
     assert along.sum() >= 16
     index = np.rint(working.to_index([[4 * 0.3, 10 * 0.1, 5 * 0.1]])[0]).astype(int)
     assert working.data[tuple(index)]
+
+
+# Where a motion puts a volume -----------------------------------------------------
+
+
+def turned(degrees: tuple[float, float, float], shift: tuple[float, float, float]) -> Rigid:
+    rotation = Rotation.from_rotvec(np.radians(degrees)).as_matrix()
+    return Rigid.about((4.0, 5.0, 6.0), rotation, shift)
+
+
+POSE = turned((10, -20, 15), (0.7, -1.1, 0.4))
+QUARTER = turned((90, 0, 0), (0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("pose", [POSE, QUARTER, turned((0, 0, 3), (5.0, 0.0, 0.0))])
+def test_a_rotated_ramp_stays_exact_so_it_was_interpolated_once(pose: Rigid) -> None:
+    slope = np.array([1.0, -2.0, 0.5])
+    size, origin = (0.9, 0.4, 0.5), (3.0, 2.0, 4.0)
+    volume = Volume(np.zeros((9, 14, 12)), size, origin)
+    volume = Volume((centres(volume) @ slope).reshape(volume.shape), size, origin)
+    working = to_working_grid(volume, 0.4, pose)
+    own = pose.inverse().apply(centres(working))
+    inside = covered(working, volume, pose).ravel()
+    assert inside.mean() > 0.2
+    np.testing.assert_allclose(working.data.ravel()[inside], own[inside] @ slope, atol=1e-4)
+    # Exactly what is between the volume's outermost centres is covered.
+    low, high = centres(volume).min(axis=0), centres(volume).max(axis=0)
+    expected = ((own > low - 1e-5) & (own < high + 1e-5)).all(axis=1)
+    assert np.array_equal(inside, expected)
+    # The grid is that of the common world, and all of the volume is on it.
+    steps = np.asarray(working.origin) / 0.4
+    assert steps == pytest.approx(np.rint(steps))
+    corners = pose.apply(centres(volume))
+    assert (np.abs(corners.min(axis=0) - working.origin) < 0.4 + 1e-6).all()
+
+
+def test_a_shift_by_whole_voxels_is_exact() -> None:
+    data = np.random.default_rng(0).random((5, 6, 7)).astype(np.float32)
+    volume = Volume(data, (0.5,) * 3, (1.0, 1.5, 2.0))
+    working = to_working_grid(volume, 0.5, Rigid(translation=np.array([1.5, -1.0, 4.0])))
+    assert np.array_equal(working.data, data)
+    assert working.origin == pytest.approx((2.5, 0.5, 6.0))
+    mask = mask_to_working_grid(
+        Mask(data > 0.5, (0.5,) * 3, volume.origin), 0.5, Rigid(translation=np.array([0.5, 0, 1]))
+    )
+    assert mask.data.sum() == (data > 0.5).sum()
+
+
+def test_a_quarter_turn_of_cubic_voxels_is_a_permutation() -> None:
+    data = np.random.default_rng(0).random((5, 6, 7)).astype(np.float32)
+    pose = Rigid(Rotation.from_euler("x", 90, degrees=True).as_matrix())
+    working = to_working_grid(Volume(data, (1.0,) * 3), 1.0, pose)
+    np.testing.assert_allclose(working.data, np.swapaxes(data, 1, 2)[:, ::-1], atol=1e-6)
+
+
+def test_a_mask_that_was_turned_and_turned_back() -> None:
+    given_mask = ball((0.6, 0.2, 0.2), 4.0)
+    data = given_mask.data.copy()
+    data[:, : data.shape[1] // 2, : data.shape[2] // 2] = False  # not a ball any more
+    straight = mask_to_working_grid(Mask(data, given_mask.voxel_size, given_mask.origin), 0.2)
+    there = mask_to_working_grid(Mask(data, given_mask.voxel_size, given_mask.origin), 0.2, POSE)
+    assert there.data.sum() == pytest.approx(straight.data.sum(), rel=0.01)
+    back = POSE.inverse().apply(there.to_world(np.argwhere(there.data)))
+    index = np.rint(straight.to_index(back)).astype(int)
+    agrees = straight.data[tuple(np.clip(index, 0, np.array(straight.shape) - 1).T)]
+    assert agrees.mean() > 0.97
+    assert back.mean(axis=0) == pytest.approx(
+        straight.to_world(np.argwhere(straight.data)).mean(axis=0), abs=0.02
+    )
+
+
+def test_a_turned_mask_closes_where_the_image_ends() -> None:
+    full = Mask(np.ones((6, 8, 10), bool), (1.0,) * 3)
+    there = mask_to_working_grid(full, 0.5, POSE)
+    own = POSE.inverse().apply(there.to_world(np.argwhere(there.data)))
+    # Half a voxel beyond the outermost centres, as without a rotation.
+    assert (own > -0.55).all()
+    assert (own < np.array([5, 7, 9]) + 0.55).all()
+    assert there.data.sum() * 0.125 == pytest.approx(6 * 8 * 10, rel=0.03)

@@ -18,7 +18,7 @@ from napari_unwrap3d.viewer.session import session_of
 from viewer.playing import PARAMETERS, TIME_STEP_S, VOXEL_UM, breathing, breathing_stack
 
 TIMEPOINTS = 4
-SECONDS = 60_000
+SECONDS = 30_000
 UM = ("µm",) * 3
 SCALE = (VOXEL_UM,) * 3
 TIMED: dict[str, Any] = {

@@ -69,7 +69,7 @@ def test_rows_of_the_tables() -> None:
     check = pd.DataFrame({"outside_fraction": [np.nan, 0.02, 0, 0, 0], "volume_um3": TIMES})
     (outside,) = outside_rows(record, check, 0.02)
     assert outside.limit == 2.0
-    assert outside.curves["temporal mean"][4] == 50.0
+    assert outside.curves["mean"][4] == 50.0
     assert outside.curves["measured"][1] == 2.0
     volume, area = size_rows(check)
     np.testing.assert_array_equal(volume.curves["volume"], TIMES)

@@ -104,9 +104,9 @@ def test_what_is_drawn_is_saved_by_itself_into_the_folder(
 
 
 def test_what_is_drawn_stays_when_the_common_space_is_made_anew(
-    direct: Callable[[], Director], folder: Path
+    make_napari_viewer: Any, qtbot: Any, folder: Path
 ) -> None:
-    director = direct()
+    director = Director(make_napari_viewer(), qtbot)
     add_stack(director.viewer)
     director.open(folder)
     draw(director)
@@ -134,7 +134,7 @@ def test_a_movie_that_was_not_saved_is_offered_again(
     viewer = make_napari_viewer(show=True)
     wizard = Wizard(viewer)
     viewer.window.add_dock_widget(wizard, name="Unwrap")
-    assert wizard.left.isVisible()
+    assert wizard.left.isVisibleTo(wizard)
     assert "movie" in wizard.left.text.text()
     wizard.left.open_button.click()
     run = wizard.movie.run
@@ -153,7 +153,7 @@ def test_a_folder_without_a_common_space_says_what_to_do(
     (folder / "common.json").unlink()
     director = direct()
     director.panel.open(folder)
-    director.wait(lambda: errors)
+    director.wait(lambda: bool(errors))
     assert "no common space" in errors[0]
     assert director.movies.movie is None
     assert not director.run.busy_with

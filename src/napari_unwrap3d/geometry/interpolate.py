@@ -76,3 +76,18 @@ def sample_placed(volume, origin, scale, points, out):  # type: ignore[no-untype
             volume[a + 1, b + 1, c] * gx + volume[a + 1, b + 1, c + 1] * fx
         ) * fy
         out[i] = low * (one - fz) + high * fz
+
+
+@numba.njit(nogil=True, cache=True)
+def value_at(volume, z, y, x):  # type: ignore[no-untyped-def]
+    """Trilinear interpolation of a (z, y, x) volume at one place inside of it."""
+    nz, ny, nx = volume.shape
+    a, b, c = min(int(z), nz - 2), min(int(y), ny - 2), min(int(x), nx - 2)
+    fz, fy, fx = z - a, y - b, x - c
+    low = (volume[a, b, c] * (1 - fx) + volume[a, b, c + 1] * fx) * (1 - fy) + (
+        volume[a, b + 1, c] * (1 - fx) + volume[a, b + 1, c + 1] * fx
+    ) * fy
+    high = (volume[a + 1, b, c] * (1 - fx) + volume[a + 1, b, c + 1] * fx) * (1 - fy) + (
+        volume[a + 1, b + 1, c] * (1 - fx) + volume[a + 1, b + 1, c + 1] * fx
+    ) * fy
+    return low * (1 - fz) + high * fz

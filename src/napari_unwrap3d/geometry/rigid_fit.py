@@ -14,15 +14,23 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 import numpy.typing as npt
+from scipy.optimize import nnls
 from scipy.spatial.transform import Rotation
 
+from .interpolate import value_at
 from .rigid import Rigid
 
 Floats = npt.NDArray[np.float64]
 
-# Tukey's constant: 95 % efficient with normal errors.
-REJECTED = 4.685
+# Beyond so many standard deviations a point counts as one that does not correspond. Tukey's
+# constant is 4.7 where errors are rare; what differs only a little here is many points wide, and
+# pulls more than leaving out some noise costs.
+REJECTED = 3.0
 NORMAL_MAD = 1.4826
+# The noise is told at so many levels of brightness.
+LEVELS = 12
+# However little noise there is, blur and interpolation leave differences of this part of the range.
+LEAST_SPREAD = 0.005
 ITERATIONS = 60
 # Iterations end when no point within the radius moves by this part of a voxel.
 CONVERGED = 2e-4
@@ -38,14 +46,64 @@ class Fit:
     ----------
     pose : Rigid
         From the moving volume's world to the fixed one's.
-    weights : ndarray, (n,)
-        Of the points, 0 to 1; 0 where the volumes do not correspond.
-    iterations : int
+    light : ndarray, (5,)
+        Gain, offset and slope (z, y, x) that make the moving volume as bright as the fixed one.
+    noise : ndarray, (3,)
+        Where the two correspond, what is left has the variance noise[0] + noise[1] × the fixed
+        volume's value, of which noise[2] is the least that counts.
+    centre : ndarray, (3,)
+        Where the slope is 0, in µm.
+    radius : float
+        Length in µm per which the slope is.
     """
 
     pose: Rigid
-    weights: Floats
-    iterations: int
+    light: Floats
+    noise: Floats
+    centre: Floats
+    radius: float
+
+    def weights(self, values: Floats, found: Floats, points: Floats) -> Floats:
+        """How far (n,) two volumes correspond at points: 1 fully, 0 not at all.
+
+        Parameters
+        ----------
+        values, found : ndarray, (n,)
+            Of the fixed and of the moved volume.
+        points : ndarray, (n, 3)
+            In µm of the fixed volume's world.
+        """
+        gain, offset, *slope = self.light
+        expected = gain * found + offset + (points - self.centre) @ slope / self.radius
+        return _biweight(values - expected, values, self.noise)
+
+
+def _biweight(wrong: Floats, values: Floats, noise: Floats) -> Floats:
+    """Tukey's weights of residuals."""
+    level, slope, least = noise
+    variance = np.maximum(level + slope * np.maximum(values, least), 1e-24)
+    weights: Floats = np.clip(1.0 - wrong**2 / (REJECTED**2 * variance), 0.0, None) ** 2
+    return weights
+
+
+def _noise(wrong: Floats, values: Floats) -> Floats:
+    """The variance of residuals, which grows with brightness as that of light does."""
+    ends = np.quantile(values, np.linspace(0, 1, LEVELS + 1))
+    middles = (ends[1:] + ends[:-1]) / 2
+    which = np.clip(np.searchsorted(ends, values, side="right") - 1, 0, LEVELS - 1)
+    spread = np.zeros(LEVELS)
+    for level in np.unique(which):
+        spread[level] = NORMAL_MAD * np.median(np.abs(wrong[which == level]))
+    spread = np.hypot(spread, LEAST_SPREAD * (ends[-1] - ends[0]))
+    known = spread > 0
+    if not known.any():
+        return np.array([0.0, 0.0, middles[0]])
+    variance = spread[known] ** 2
+    brightness = middles[known] - middles[0]
+    # Relative errors count, as a spread is known to a part of itself.
+    design = np.column_stack([np.ones(len(variance)), brightness]) / variance[:, None]
+    (level, slope), _ = nnls(design, np.ones(len(variance)))
+    return np.array([level - slope * middles[0], slope, middles[0]])
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,22 +166,23 @@ def fit_motion(
     # Unknowns: the motion, the gain of what is found in the moving volume, offset and slope.
     design = np.column_stack([*motions, ones, ones, offset / radius])
     pose, weights = start, ones
-    for iteration in range(1, ITERATIONS + 1):
+    light, noise = np.array([1.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(3)
+    for _ in range(ITERATIONS):
         design[:, count], inside = sampled(moving, origin, edge, samples.points, pose)
-        weighing = np.where(inside, weights, 0.0)
-        unknowns = _solved(design, samples.values, weighing)
+        unknowns = solved(*_normal_equations(design, samples.values, np.where(inside, weights, 0)))
         if unknowns is None:
-            return Fit(pose, weighing, iteration)
-        wrong = np.abs(samples.values - design @ unknowns)
-        spread = NORMAL_MAD * float(np.median(wrong[inside]))
-        weights = np.clip(1.0 - (wrong / max(REJECTED * spread, 1e-12)) ** 2, 0.0, None) ** 2
+            break
+        light = unknowns[count:]
+        wrong = samples.values - design @ unknowns
+        noise = _noise(wrong[inside], samples.values[inside])
+        weights = _biweight(wrong, samples.values, noise)
         step = unknowns[:count].copy()
         length = float(np.linalg.norm(step))
         step *= min(1.0, LONGEST_STEP * edge / max(length, 1e-12))
-        pose = _step(step, centre, radius) @ pose
+        pose = moved_back(step, centre, radius) @ pose
         if length < CONVERGED * edge:
             break
-    return Fit(pose, np.where(inside, weights, 0.0), iteration)
+    return Fit(pose, light, noise, centre, radius)
 
 
 def sampled(
@@ -154,17 +213,15 @@ def sampled(
     return values, inside
 
 
-def _step(step: Floats, centre: Floats, radius: float) -> Rigid:
+def moved_back(step: Floats, centre: Floats, radius: float) -> Rigid:
+    """The motion that undoes a displacement by a shift and, divided by the radius, a rotation."""
     turn = np.zeros(3) if len(step) == 3 else step[3:] / radius
-    # Rotation vectors are the same about (z, y, x) axes as long as all of it is in this order;
-    # what seems displaced by the step is moved back by it.
     return Rigid.about(centre, Rotation.from_rotvec(-turn).as_matrix(), -step[:3])
 
 
-def _solved(design: Floats, values: Floats, weights: Floats) -> Floats | None:
-    """Least squares with weights; None where there is not enough to go by."""
-    normal, right = _normal_equations(design, values, weights)
-    size = np.sqrt(np.diag(normal))
+def solved(normal: Floats, right: Floats) -> Floats | None:
+    """Solve normal equations; None where there is not enough to go by."""
+    size = np.sqrt(np.abs(np.diag(normal)))
     if not (size > 0).all():
         return None
     unknowns: Floats = np.linalg.lstsq(normal / np.outer(size, size), right / size, 1e-9)[0] / size
@@ -203,15 +260,4 @@ def _sample(volume, matrix, offset, points, values, inside):  # type: ignore[no-
         y = matrix[1, 0] * p + matrix[1, 1] * q + matrix[1, 2] * r + offset[1]
         x = matrix[2, 0] * p + matrix[2, 1] * q + matrix[2, 2] * r + offset[2]
         inside[n] = 0 <= z <= nz - 1 and 0 <= y <= ny - 1 and 0 <= x <= nx - 1
-        if not inside[n]:
-            values[n] = 0.0
-            continue
-        a, b, c = min(int(z), nz - 2), min(int(y), ny - 2), min(int(x), nx - 2)
-        fz, fy, fx = z - a, y - b, x - c
-        low = (volume[a, b, c] * (1 - fx) + volume[a, b, c + 1] * fx) * (1 - fy) + (
-            volume[a, b + 1, c] * (1 - fx) + volume[a, b + 1, c + 1] * fx
-        ) * fy
-        high = (volume[a + 1, b, c] * (1 - fx) + volume[a + 1, b, c + 1] * fx) * (1 - fy) + (
-            volume[a + 1, b + 1, c] * (1 - fx) + volume[a + 1, b + 1, c + 1] * fx
-        ) * fy
-        values[n] = low * (1 - fz) + high * fz
+        values[n] = value_at(volume, z, y, x) if inside[n] else 0.0

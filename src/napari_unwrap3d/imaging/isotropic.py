@@ -28,6 +28,12 @@ def common_blur_um(*voxel_sizes: Size3) -> float:
     return max(max(COARSEST * max(size), FINEST * min(size)) for size in voxel_sizes)
 
 
+def blur_of(volume_size: Size3, blur_um: float) -> Floats:
+    """σ in µm along z, y and x after :func:`isotropic`: not less than that of the voxels."""
+    blur: Floats = np.maximum(np.asarray(volume_size), blur_um)
+    return blur
+
+
 def isotropic(volume: Volume, blur_um: float, edge: float) -> Volume:
     """Blurred alike along all axes, on cubic voxels.
 

@@ -25,7 +25,7 @@ BLUR = {"correlation": (6.0, 3.0), "mutual information": (2.0, 0.0)}
 FIRST_STEP = {"correlation": 2.0, "mutual information": 1.0}
 LAST_STEP = {"correlation": 0.2, "mutual information": 0.002}
 STEPS = 100
-BINS = 48
+BINS = 24
 FLIP = np.eye(3)[::-1]
 
 

@@ -14,11 +14,12 @@ from ..charts import Floats, Volume
 from ..errors import EmptyMaskError
 from ..geometry.distance import signed_distance
 from ..geometry.rigid import Rigid
-from ..geometry.rigid_fit import Samples, fit_motion, sampled
+from ..geometry.rigid_fit import Fit, Samples, fit_motion, sampled
+from ..geometry.sharp_fit import SharpPair, refined_motion
 from ..geometry.topology import fill_cavities, largest_part
 from ..parameters import RegistrationParameters
 from ..progress import Progress
-from .isotropic import PER_BLUR, common_blur_um, isotropic
+from .isotropic import PER_BLUR, blur_of, common_blur_um, isotropic
 from .itk import best_motion
 from .scan import box_of, scan
 
@@ -30,12 +31,16 @@ Bools = npt.NDArray[np.bool_]
 COARSE_VOXELS = 48**3
 # The volumes that are compared have at most this many.
 FINE_VOXELS = 1 << 23
-POINTS = 100_000
+POINTS = 60_000
 # Around the cell's outline so far outwards and inwards, in σ of the blur.
 OUTWARDS, INWARDS = 2.5, 8.0
 # The moving cell is looked for in a box larger by this part of the fixed cell's, which has
 # turned or changed.
 ROOM = 0.15
+# σ of the blur of the sharp volumes, and of their smooth copy, in their finest voxels.
+SHARP, SMOOTH = 1.4, 3.1
+# Whether places correspond is decided anew so often, with the motion found before.
+PASSES = 2
 # Above, it is doubtful that the two show the same cell.
 DOUBTFUL = 0.5
 
@@ -92,11 +97,13 @@ def register(
 ) -> tuple[Rigid, dict[str, Any]]:
     """The motion that brings one timepoint of a cell onto another, and what was measured.
 
-    Three passes, each of which starts from the one before: the shift between coarse copies
-    (cross-correlation by FFT, scikit-image), the whole cell by the correlation of intensities
-    (SimpleITK, two levels), and a robust fit, from which places that do not correspond drop out
-    (:func:`~napari_unwrap3d.geometry.rigid_fit.fit_motion`). What comes and goes on a cell, as
-    blebs do, pulls the second pass off by a voxel and a degree; the third finds the body.
+    In passes, each of which starts from the one before: the shift between coarse copies
+    (cross-correlation by FFT, scikit-image); the whole cell by the correlation of intensities
+    (SimpleITK, two levels); a robust fit of equally blurred volumes, from which places that do
+    not correspond drop out (:mod:`~napari_unwrap3d.geometry.rigid_fit`); and, of images, a fit of
+    the sharp ones where they correspond (:mod:`~napari_unwrap3d.geometry.sharp_fit`). What comes
+    and goes on a cell, as blebs do, pulls the second pass off by a voxel and a degree; the third
+    finds the body, and the last averages the noise.
 
     Parameters
     ----------
@@ -127,30 +134,34 @@ def register(
     pair = _Pair.of(fixed, moving, parameters, progress.part(0.0, 0.4))
     around = pair.start
     progress(0.4, "the whole cell")
-    part = progress.part(0.4, 0.7)
+    part = progress.part(0.4, 0.6)
     found = best_motion(
         pair.fixed, pair.moving, pair.region, around, "correlation", part, rotate=rotate
     )
-    progress(0.7, "the parts that do not change")
+    progress(0.6, "the parts that do not change")
     samples = pair.samples()
     edge, origin = pair.moving.voxel_size[0], pair.moving.origin
     fit = progress.run(fit_motion, samples, pair.moving.data, origin, edge, found, rotate=rotate)
-    kept = fit.weights > 0
+    progress(0.8, "fine structure")
+    # Between the steps of a mask there is no fine structure.
+    pose = fit.pose if pair.masks else progress.run(pair.refined, fit, rotate=rotate)
+    found_there, inside = sampled(pair.moving.data, origin, edge, samples.points, fit.pose)
+    kept = (fit.weights(samples.values, found_there, samples.points) > 0) & inside
     points, values = samples.points[kept], samples.values[kept]
     before, after = (
-        _residual(values, *sampled(pair.moving.data, origin, edge, points, pose))
-        for pose in (Rigid(), fit.pose)
+        _residual(values, *sampled(pair.moving.data, origin, edge, points, each))
+        for each in (Rigid(), pose)
     )
     if after > DOUBTFUL:
         logger.warning("the cell of two timepoints correlates by %.2f only", 1 - after)
     numbers = {
-        **_motion_numbers(fit.pose, pair.centre),
+        **_motion_numbers(pose, pair.centre),
         "residual_before": before,
         "residual": after,
         "corresponding": float(kept.mean()),
         "blur_um": pair.blur_um,
     }
-    return fit.pose, numbers
+    return pose, numbers
 
 
 def register_channel(
@@ -212,16 +223,19 @@ def _residual(values: Floats, found: Floats, inside: Bools) -> float:
 class _Pair:
     """Two volumes around a cell on cubic voxels, equally blurred along all axes.
 
-    `region` are the voxels of `fixed` in and around the cell, `centre` is its middle, and
-    `start` a shift from the moving volume to the fixed one that is right within a few voxels.
+    `recorded` are both as they were, `region` are the voxels of `fixed` in and around the cell,
+    `centre` is its middle, and `start` a shift from the moving volume to the fixed one that is
+    right within a few voxels.
     """
 
     fixed: Volume
     moving: Volume
+    recorded: tuple[Volume, Volume]
     region: Bools
     centre: Floats
     start: Rigid
     blur_um: float
+    masks: bool
 
     @classmethod
     def of(
@@ -233,10 +247,18 @@ class _Pair:
         *,
         apart: bool = True,
     ) -> _Pair:
-        """Find the cell, and read and resample what is around it."""
-        blur = parameters.blur_um or common_blur_um(fixed.voxel_size, moving.voxel_size)
+        """Find the cell, and read and resample what is around it.
+
+        What is `apart` may have drifted and turned. Else it is two channels at one place, which
+        the microscope blurs alike: they stay as sharp as they are, as blur shifts the outline of
+        what is unevenly bright.
+        """
+        finest = min(*fixed.voxel_size, *moving.voxel_size)
+        common = common_blur_um(fixed.voxel_size, moving.voxel_size) if apart else finest
+        blur = parameters.blur_um or common
         halves = progress.part(0.0, 0.3), progress.part(0.3, 0.6)
-        coarse = [_coarse(each, half) for each, half in zip((fixed, moving), halves, strict=True)]
+        found = [_coarse(each, half) for each, half in zip((fixed, moving), halves, strict=True)]
+        coarse = [volume for volume, _ in found]
         low, high = _cell_bounds(coarse[0])
         shift = np.zeros(3)
         if apart:
@@ -245,7 +267,7 @@ class _Pair:
         margin = (OUTWARDS + 1) * blur
         edge = max(
             blur / PER_BLUR,
-            min(*fixed.voxel_size, *moving.voxel_size),
+            finest,
             float((np.prod(high - low + 2 * margin) / FINE_VOXELS) ** (1 / 3)),
         )
         room = margin + ROOM * float((high - low).max())
@@ -257,7 +279,35 @@ class _Pair:
         fine = progress.run(isotropic, fixed_part, blur, edge)
         other = progress.run(isotropic, moving_part, blur, edge)
         region, centre = progress.run(_region, fine, blur)
-        return cls(fine, other, region, centre, Rigid(np.eye(3), -shift), blur)
+        parts = fixed_part, moving_part
+        masks = any(two_values for _, two_values in found)
+        start = Rigid(np.eye(3), -shift)
+        return cls(fine, other, parts, region, centre, start, blur, masks)
+
+    def refined(self, fit: Fit, *, rotate: bool) -> Rigid:
+        """The motion from what both volumes show where they correspond, at their full sharpness."""
+        edge = self.fixed.voxel_size[0]
+        finest = min(min(volume.voxel_size) for volume in self.recorded)
+        sharp, smooth = (max(edge, factor * finest) for factor in (SHARP, SMOOTH))
+        fixed, moving = (isotropic(volume, sharp, edge) for volume in self.recorded)
+        pair = SharpPair(
+            fixed.data,
+            moving.data,
+            isotropic(self.recorded[0], smooth, edge).data,
+            np.asarray(fixed.origin),
+            np.asarray(moving.origin),
+            edge,
+            blur_of(self.recorded[0].voxel_size, sharp),
+        )
+        points = self.fixed.to_world(np.argwhere(self.region))
+        values = self.fixed.data[self.region].astype(np.float64)
+        weights = np.zeros(self.fixed.shape, np.float32)
+        pose = fit.pose
+        for _ in range(PASSES):
+            found, inside = sampled(self.moving.data, self.moving.origin, edge, points, pose)
+            weights[self.region] = np.where(inside, fit.weights(values, found, points), 0.0)
+            pose = refined_motion(pair, weights, pose, rotate=rotate)
+        return pose
 
     def samples(self) -> Samples:
         """The fixed volume and its gradient at points of the region, evenly spread."""
@@ -273,16 +323,23 @@ class _Pair:
         )
 
 
-def _coarse(volume: Volume, progress: Progress) -> Volume:
-    """Means over blocks, on cubic voxels."""
+def _coarse(volume: Volume, progress: Progress) -> tuple[Volume, bool]:
+    """Means over blocks, on cubic voxels; and whether the volume is a mask."""
     found = scan(volume.data, volume.voxel_size, progress)
+    if not found.highest > found.lowest:
+        raise EmptyMaskError(
+            "The image has one intensity everywhere, so there is no cell to register.",
+            intensity=found.lowest,
+            hint="Choose another channel (stack.channel), or registration.method = none.",
+        )
     factors = np.asarray(found.factors)
     z, y, x = (float(s) for s in factors * np.asarray(volume.voxel_size))
     first = volume.to_world((factors - 1)[None] / 2)[0]
     blocks = Volume(found.coarse, (z, y, x), (first[0], first[1], first[2]))
     edge = float((np.prod(np.asarray(blocks.shape) * (z, y, x)) / COARSE_VOXELS) ** (1 / 3))
     edge = max(edge, z, y, x)
-    return isotropic(blocks, max(edge, common_blur_um(blocks.voxel_size)), edge)
+    coarse = isotropic(blocks, max(edge, common_blur_um(blocks.voxel_size)), edge)
+    return coarse, found.two_values
 
 
 def _cell_bounds(coarse: Volume) -> tuple[Floats, Floats]:
@@ -297,12 +354,6 @@ def _cell(data: npt.NDArray[np.float32]) -> Bools:
     """The largest bright thing, without its cavities."""
     from skimage.filters import threshold_otsu
 
-    if not data.max() > data.min():
-        raise EmptyMaskError(
-            "The image has one intensity everywhere, so there is no cell to register.",
-            intensity=float(data.max()),
-            hint="Choose another channel (stack.channel), or registration.method = none.",
-        )
     return fill_cavities(largest_part(data > threshold_otsu(data)))
 
 

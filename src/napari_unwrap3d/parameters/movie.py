@@ -38,8 +38,8 @@ class RegistrationParameters(StepParameters):
         None,
         "Blur",
         "Standard deviation of the blur at which two images are compared, the same along all "
-        "axes. Empty: a little more than the longest edge of a voxel. More where the images are "
-        "noisy.",
+        "axes. Empty: a little more than the longest edge of a voxel, and none between channels. "
+        "Give more where the images are noisy.",
         unit="µm",
     )
 

@@ -16,6 +16,7 @@ from ..annotations import Annotations
 from ..atlas import Atlas
 from ..charts import Ints
 from ..errors import Unwrap3DError
+from .annotation_colours import LABELS, Colour, Colours, colour_of
 from .arrows import AxisArrow
 from .canvas import canvas_of
 from .drawing_layers import DrawingLayers
@@ -37,23 +38,6 @@ if TYPE_CHECKING:
     from .canvas import UnwrappedCanvas
     from .session import Session
 
-Colour = tuple[float, float, float, float]
-Colours = Mapping[int, Colour]
-
-# Distinct on light and dark fields, and for most people who do not see all colours
-# (after Okabe and Ito 2008, without black).
-PALETTE: tuple[Colour, ...] = (
-    (0.90, 0.62, 0.00, 1.0),
-    (0.34, 0.71, 0.91, 1.0),
-    (0.00, 0.62, 0.45, 1.0),
-    (0.94, 0.89, 0.26, 1.0),
-    (0.80, 0.47, 0.65, 1.0),
-    (0.00, 0.45, 0.70, 1.0),
-    (0.84, 0.37, 0.00, 1.0),
-)
-# By how many colours the labels of one annotation begin after those of the last.
-STEP = 3
-LABELS = 64
 KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
 COMPUTING = (
@@ -377,10 +361,7 @@ class Annotating(QObject):
             # A colour that a person chose, as strong as the others are.
             given |= {n: (*c[:3], given[n][3]) for n, c in own.items() if n in given}
             return given, name not in self._hidden
-        colours = {
-            label: own.get(label, PALETTE[(STEP * first + label - 1) % len(PALETTE)])
-            for label in range(1, LABELS)
-        }
+        colours = {label: own.get(label, colour_of(first, label)) for label in range(1, LABELS)}
         return colours, name not in self._hidden
 
     def set_colour(self, name: str, label: int, colour: Colour) -> None:

@@ -25,7 +25,8 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from .annotating import COMPUTING, LABELS, Annotating, annotating_of
+from .annotating import COMPUTING, Annotating, annotating_of
+from .annotation_colours import LABELS
 from .annotation_list import AnnotationList
 from .annotation_measures import MeasuresBox
 from .annotation_regions import RegionsBox

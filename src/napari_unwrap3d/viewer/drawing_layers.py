@@ -25,7 +25,8 @@ from .turns import soon
 if TYPE_CHECKING:
     from napari.components import ViewerModel
 
-    from .annotating import Annotating, Colour
+    from .annotating import Annotating
+    from .annotation_colours import Colour
 
 MODES = {
     LOOK: "pan_zoom",

@@ -13,7 +13,7 @@ from .placing import chart_of
 
 if TYPE_CHECKING:
     from ..charts import Floats
-    from .annotating import Colour
+    from .annotation_colours import Colour
 
 # What those that are not selected are drawn with: a grey with a little of their colour in it.
 GREY, OWN_SHARE, DIMMED = (0.5, 0.5, 0.5), 0.25, 0.85

@@ -19,7 +19,8 @@ from ..fields import CURVATURE, PROTRUSION
 from ..protrusions.colours import instance_colour
 from ..protrusions.columns import COLUMNS
 from ..protrusions.editing import EDITED, NAME, ProtrusionEdits
-from .annotating import LABELS, annotating_of
+from .annotating import annotating_of
+from .annotation_colours import LABELS
 from .canvas import canvas_of
 from .instance_annotation import PARTS, measured, parted, put_labels
 from .instance_filter import COLUMNS_FIRST, Filter, filter_from
@@ -35,7 +36,8 @@ from .turns import soon
 if TYPE_CHECKING:
     from ..atlas import Atlas
     from ..charts import Protrusions
-    from .annotating import Annotating, Colour
+    from .annotating import Annotating
+    from .annotation_colours import Colour
     from .session import Session
 
 STEP = "protrusions"

@@ -25,7 +25,6 @@ ROW_HEIGHT = 105
 COLOURS = (LINE, "#66bb6a", "#ef5350", "#ab47bc")
 # Columns of the table of the registration, and what they are called.
 SHIFTS = {"shift_z_um": "z", "shift_y_um": "y", "shift_x_um": "x"}
-METHODS = {"mean": "temporal mean", "timepoint": "timepoint"}
 
 
 @dataclass(frozen=True)
@@ -157,7 +156,7 @@ def outside_rows(record: Mapping[str, Any], table: pd.DataFrame | None, limit: f
     """
     advice = record.get("recommendation", {})
     curves: dict[str, Floats] = {
-        METHODS.get(method, method): 100.0 * np.asarray(shares, dtype=np.float64)
+        method: 100.0 * np.asarray(shares, dtype=np.float64)
         for method, shares in advice.get("outside", {}).items()
     }
     if table is not None:

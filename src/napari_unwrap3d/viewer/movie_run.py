@@ -241,7 +241,7 @@ class MovieRun(QObject):
         Unwrap3DError
             There is no timelapse, or the layers cannot be one; or a run is in progress.
         """
-        if self.running or self.session.running:
+        if self.running:
             raise Unwrap3DError("A run is in progress.", hint="Cancel it first.")
         if reason := self.blocked():
             raise Unwrap3DError("There is nothing to run on.", hint=reason)
@@ -384,7 +384,9 @@ class MovieRun(QObject):
         if self._closed:
             return
         if self.session.running:
+            # What it computes is of the cell that gives place.
             self._waiting = opened
+            self.session.cancel_by_user()
         else:
             self.session.turns.add(self._showing(opened))
 
