@@ -15,7 +15,7 @@ import pytest
 import batches
 from batches import SIZES, TINY, VOXEL, assert_same_movie, label_image, write_masks
 from napari_unwrap3d import Cancelled, Parameters, Progress, load, load_movie, unwrap_movie
-from napari_unwrap3d.batch import Exports, Reading, driver, run_batch
+from napari_unwrap3d.batch import Exports, Reading, cluster, driver, run_batch
 from napari_unwrap3d.charts import Mask
 from napari_unwrap3d.cli import main
 from napari_unwrap3d.errors import InputError
@@ -182,6 +182,33 @@ def test_an_item_that_kills_its_workers_is_reported_and_the_others_are_made(
     assert "2 times" in hog.reason
     assert "memory" in hog.reason
     assert result.exit_code == 3
+
+
+def test_the_workers_of_a_scheduler_do_the_work(undisturbed, tmp_path: Path) -> None:
+    from distributed import LocalCluster
+
+    files, expected = undisturbed
+    options = {"reading": MASKS, "timelapse": True}
+    with LocalCluster(
+        n_workers=1, threads_per_worker=2, memory_limit="6GB", dashboard_address="127.0.0.1:0"
+    ) as given:
+        address = given.scheduler_address
+        result = run_batch(files, PARAMETERS, tmp_path / "out", scheduler=address, **options)
+        assert result.counts["done"] == TIMEPOINTS + 1
+        assert "2 pieces of work at a time with 3.0 GB" in result.about["workers"]
+        larger = Parameters.from_dict({"uv": {"rows": 1024}})
+        with pytest.raises(InputError, match="not enough memory"):
+            run_batch(files, larger, tmp_path / "other", scheduler=address, **options)
+    assert_same_movie(tmp_path / "out" / "files", expected, TIMEPOINTS)
+
+
+def test_without_a_scheduler_at_its_address_there_is_a_clear_error(
+    tmp_path: Path, monkeypatch
+) -> None:
+    monkeypatch.setattr(cluster, "WAIT_SECONDS", 0.2)
+    write_image(tmp_path / "cell.tif", batches.moving_ball(0, 1), sizes=SIZES)
+    with pytest.raises(InputError, match="No dask scheduler answers"):
+        run_batch([tmp_path / "cell.tif"], output=tmp_path / "o", scheduler="tcp://127.0.0.1:9")
 
 
 # Failing -----------------------------------------------------------------------------

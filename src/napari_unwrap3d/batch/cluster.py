@@ -30,6 +30,7 @@ ONE_THREAD = (
     "MKL_NUM_THREADS",
     "BLIS_NUM_THREADS",
     "VECLIB_MAXIMUM_THREADS",
+    "ITK_GLOBAL_DEFAULT_NUMBER_OF_THREADS",
 )
 # Python tells of what a process that was ended could not tidy; the system does it.
 NO_TIDYING = "ignore::UserWarning:multiprocessing.resource_tracker"
@@ -153,14 +154,33 @@ def slots(client: Client) -> int:
     return max(1, sum(threads.values()))
 
 
-def described(client: Client, largest: float) -> str:
-    """The workers of a cluster and their memory, in words."""
+def memory_bytes(client: Client) -> float:
+    """What the worker with the least memory has for each piece of work; 0 without a limit."""
     workers: dict[str, Any] = client.scheduler_info(n_workers=-1)["workers"]
     limits = [float(each["memory_limit"]) / each["nthreads"] for each in workers.values()]
-    known = [limit for limit in limits if limit > 0]
-    least = f"{min(known) / GB:.1f} GB and more for each item" if known else "no limit of memory"
+    return min([limit for limit in limits if limit > 0], default=0.0)
+
+
+def check_memory(client: Client, largest: float) -> str:
+    """The workers of a cluster and their memory, in words.
+
+    Raises
+    ------
+    InputError
+        The largest piece of work does not fit into the worker with the least memory.
+    """
+    limit = memory_bytes(client)
+    if 0 < limit < largest:
+        raise InputError(
+            "The workers of the cluster have not enough memory for each of their threads.",
+            needed_gb=largest / GB,
+            least_gb=limit / GB,
+            hint="Start workers with one thread (--nthreads 1) or with more memory "
+            "(--memory-limit), or choose a larger working voxel, a crop or fewer uv.rows.",
+        )
+    known = f"{limit / GB:.1f} GB or more" if limit else "no limit of memory"
     return (
-        f"{len(workers)} workers with {slots(client)} threads, {least}; the largest item is "
+        f"{slots(client)} pieces of work at a time with {known} for each; the largest item is "
         f"estimated to take {largest / GB:.1f} GB"
     )
 

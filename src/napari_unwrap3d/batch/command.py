@@ -121,7 +121,9 @@ def batch_command(arguments: argparse.Namespace, console: Console) -> int:
         plan = _planned(arguments, progress)
         _print_plan(plan, console)
         try:
-            result = run_plan(plan, progress)
+            result = run_plan(
+                plan, progress, tell=lambda words: console.print(words, highlight=False)
+            )
         except Cancelled:
             errors.print(
                 "Stopped. What was made stays; the same command again goes on from there.",
@@ -188,8 +190,6 @@ def _print_plan(plan: Plan, console: Console) -> None:
     cells = len(plan.jobs) - movies
     words = [f"{n} {what}" for n, what in ((cells, "cells"), (movies, "movies")) if n]
     console.print(f"{' and '.join(words) or 'Nothing'} to unwrap", highlight=False)
-    if plan.crew is not None:
-        console.print(str(plan.crew), highlight=False, markup=False)
 
 
 def _print_result(result: BatchResult, console: Console, errors: Console) -> None:

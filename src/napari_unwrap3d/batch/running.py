@@ -13,7 +13,7 @@ from ..parameters import Parameters
 from ..pipeline import ProgressLike
 from ..progress import Progress
 from ..provenance import environment
-from .cluster import described, existing, local
+from .cluster import check_memory, existing, local, memory_bytes
 from .driver import Driver
 from .inputs import Reading
 from .jobs import Exports
@@ -118,6 +118,7 @@ def run_plan(
     plan: Plan,
     progress: ProgressLike = None,
     watch: Callable[[list[Row]], None] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> BatchResult:
     """Do what was planned; see :func:`run_batch`.
 
@@ -127,6 +128,8 @@ def run_plan(
     progress : Progress, or callable(stage, fraction, message), optional
     watch : callable(rows), optional
         Called with the rows of all items whenever one has ended.
+    tell : callable, optional
+        Given the workers and their memory in words, before the work begins.
     """
     report = progress if isinstance(progress, Progress) else Progress(progress)
     with _alone(plan.output):
@@ -135,6 +138,8 @@ def run_plan(
         _tidy(plan)
         tasks = [task_of(job, plan.output) for job in plan.jobs]
         with _workers(plan) as (client, limit, words):
+            if tell is not None:
+                tell(words)
             driver = Driver(
                 tasks,
                 plan.output,
@@ -163,7 +168,8 @@ def _workers(plan: Plan) -> Iterator[tuple[Client, float, str]]:
         return
     assert plan.scheduler is not None
     with existing(plan.scheduler, plan.output) as client:
-        yield client, 0.0, described(client, largest)
+        words = check_memory(client, largest)
+        yield client, memory_bytes(client), words
 
 
 @contextmanager
