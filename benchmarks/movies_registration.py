@@ -4,7 +4,8 @@
     .venv/bin/python benchmarks/movies_registration.py --seeds 10 --timepoints 8  # to try something
 
 Simulated blebbing cells drift by up to five voxels along each axis and turn by up to three
-degrees while blebs come and go, the dye bleaches by 30 %, and the microscope blurs and adds noise. The
+degrees while blebs come and go, the dye bleaches by 30 %, and the microscope blurs and adds noise.
+The
 error of a timepoint is the largest displacement of any point of the cell's body from where it
 belongs, and the angle by which it is turned too far; a voxel is one of the working grid.
 Between the channels, the second one is recorded off its place by a known shift.
