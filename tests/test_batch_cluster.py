@@ -178,7 +178,10 @@ def test_an_item_that_kills_its_workers_is_reported_and_the_others_are_made(
         reading=Reading(mask=True), exports=Exports(pictures=False), workers=WORKERS, retries=1,
     )  # fmt: skip
     hog, lamb = result.rows
-    assert (hog.state, lamb.state) == ("failed", "done")
+    assert hog.state == "failed"
+    # Where the worker died before it had told that the other was done, it was there already.
+    assert lamb.state in ("done", "skipped")
+    assert (tmp_path / "output" / "lamb" / "cell.unwrap3d").is_file()
     assert "2 times" in hog.reason
     assert "memory" in hog.reason
     assert result.exit_code == 3
