@@ -23,7 +23,7 @@ def bumps(peaks: list[int], length: int = 100, width: float = 3.0) -> np.ndarray
     return sum((np.exp(-0.5 * ((t - peak) / width) ** 2) for peak in peaks), np.zeros(length))
 
 
-@given(st.integers(5, 20), st.integers(0, 3))
+@given(st.integers(8, 12), st.integers(0, 3))
 def test_every_bump_is_an_event(gap: int, number: int) -> None:
     peaks = [15 + gap * 2 * k for k in range(number)]
     found = find_events(bumps(peaks), 1.0, prominence=0.5, distance_s=3.0)
