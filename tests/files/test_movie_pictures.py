@@ -147,7 +147,8 @@ def test_everything_in_a_folder(breathing: Any, line: Any, tmp_path: Path) -> No
     names = {path.relative_to(folder).as_posix() for path in written}
     assert {"frames.csv", "kymographs/over the cell.csv", "uv/height_um.ome.tif"} <= names
     assert len([name for name in names if name.startswith("uv/")]) == len(breathing.fields)
-    assert len(pd.read_csv(folder / "frames.csv")) == TIMEPOINTS
+    for table in ("frames.csv", "registration.csv"):
+        assert len(pd.read_csv(folder / table)) == TIMEPOINTS
     with pytest.raises(InputError, match="not empty"):
         export_movie(breathing, folder)
     export_movie(breathing, folder, fields=["height_um"], overwrite=True)

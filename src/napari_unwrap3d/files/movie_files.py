@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 
 UV_FOLDER, KYMOGRAPHS = "uv", "kymographs"
 FRAMES_TABLE = "frames.csv"
-ENTRIES = (UV_FOLDER, KYMOGRAPHS, FRAMES_TABLE)
+REGISTRATION_TABLE = "registration.csv"
+ENTRIES = (UV_FOLDER, KYMOGRAPHS, FRAMES_TABLE, REGISTRATION_TABLE)
 TIFF_SUFFIXES = (".tif", ".tiff")
 BIG = 1 << 31
 
@@ -77,6 +78,7 @@ def export_movie(
             part = report.part(i / len(chosen), (i + 1) / len(chosen))
             write_uv_stack(movie, name, partial / UV_FOLDER / f"{name}.ome.tif", part)
         write_table(partial / FRAMES_TABLE, movie.check_table())
+        write_table(partial / REGISTRATION_TABLE, movie.registration_table())
         for title, found in (kymographs or {}).items():
             for suffix in (".csv", ".ome.tif", ".png"):
                 write_kymograph(found, partial / KYMOGRAPHS / f"{title}{suffix}")
