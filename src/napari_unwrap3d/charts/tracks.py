@@ -157,18 +157,19 @@ class Tracks:
     @property
     def position_um(self) -> Floats:
         """(n, 3): z, y, x in µm in the common world."""
-        return np.column_stack([self.columns[name] for name in SPACE]).astype(np.float64)
+        return _side_by_side(self.columns[name] for name in SPACE)
 
     @property
     def place_px(self) -> Floats:
         """(n, 2): v, u on the uv image; NaN where unknown."""
         nowhere = np.full(len(self), np.nan)
-        return np.column_stack([self.columns.get(name, nowhere) for name in PLACE])
+        return _side_by_side(self.columns.get(name, nowhere) for name in PLACE)
 
     @property
     def times_s(self) -> Floats:
         """(n,) seconds since the first timepoint."""
-        return self.timepoint * self.time_step_s
+        times: Floats = self.timepoint * np.float64(self.time_step_s)
+        return times
 
     # Tracks ------------------------------------------------------------------------
 
@@ -205,7 +206,8 @@ class Tracks:
         """How long each track (m,) lasts: the time that its timepoints stand for."""
         first, last = self._bounds[:-1], self._bounds[1:] - 1
         between = self.timepoint[last] - self.timepoint[first]
-        return (between + 1) * self.time_step_s
+        lifetimes: Floats = (between + 1) * np.float64(self.time_step_s)
+        return lifetimes
 
     def kept(self, tracks: Iterable[int]) -> Tracks:
         """Only some tracks, with their numbers, and the splits and merges among them."""
@@ -263,6 +265,10 @@ class Tracks:
         means = rows.select_dtypes("number").groupby(self.track_id).mean()
         means = means.add_prefix("mean_").reset_index(drop=True)
         return pd.concat([pd.DataFrame(table), means], axis=1)
+
+
+def _side_by_side(columns: Iterable[npt.NDArray[Any]]) -> Floats:
+    return np.stack([np.asarray(column, np.float64) for column in columns], axis=1)
 
 
 def _partner(tracks: Ints, pairs: Ints) -> Ints:
