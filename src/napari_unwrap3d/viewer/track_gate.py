@@ -7,7 +7,7 @@ measured. After every stroke it is found out anew, in a thread.
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 from qtpy.QtCore import QEvent, QObject, Signal
 
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 # After the last change, so that a stroke does not wait for it.
 REST_MS = 150
 CLOSE_SECONDS = 5.0
-WHERE = ("inside", "outside")
+Side = Literal["inside", "outside"]
+WHERE: tuple[Side, Side] = ("inside", "outside")
 
 
 class TrackGate(QObject):

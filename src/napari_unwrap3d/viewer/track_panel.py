@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,6 +11,7 @@ from qtpy.QtWidgets import (
     QComboBox,
     QHBoxLayout,
     QLabel,
+    QMenu,
     QPushButton,
     QVBoxLayout,
     QWidget,
@@ -22,7 +23,14 @@ from .docking import Docked
 from .notice import small_button
 from .progress_bar import ProgressBar
 from .step_panel import WIDTH, scrolling
-from .track_files import ask_export, ask_import, export_tracks, import_tracks
+from .track_files import (
+    ask_export,
+    ask_file,
+    ask_folder,
+    ask_name,
+    export_tracks,
+    import_tracks,
+)
 from .track_run import NO_MOVIE, WORKS, track_run_of
 from .track_sections import TITLES, GateSection, Numbers, WorkSection, headed, offered_fields
 
@@ -69,6 +77,10 @@ class TracksPanel(QWidget):
         self.export_button = small_button(
             "Export …", "The tracks that are shown as GEFF, TrackMate XML, CSV or Parquet."
         )
+        menu = QMenu(self)
+        menu.addAction("File …", lambda: self._on_import(ask_file))
+        menu.addAction("GEFF folder …", lambda: self._on_import(ask_folder))
+        self.import_button.setMenu(menu)
         self.sections = {work: WorkSection(self.run, work) for work in WORKS}
         self.gate, self.numbers = GateSection(self.viewer), Numbers(self.run)
         self.plots_button = QPushButton(PLOTS)
@@ -113,7 +125,6 @@ class TracksPanel(QWidget):
 
     def _connect(self) -> None:
         self.names_box.activated.connect(self._on_chosen)
-        self.import_button.clicked.connect(self._on_import)
         self.export_button.clicked.connect(self._on_export)
         self.cancel_button.clicked.connect(self._on_cancel)
         self.plots_button.clicked.connect(lambda: self.open_dock(PLOTS))
@@ -137,10 +148,11 @@ class TracksPanel(QWidget):
         self._say("Cancelling …")
         self.run.cancel()
 
-    def _on_import(self) -> None:
-        chosen = ask_import(self, self.run)
-        if chosen is not None:
-            import_tracks(self.run, *chosen)
+    def _on_import(self, ask: Callable[[QWidget], Path | None]) -> None:
+        path = ask(self)
+        name = None if path is None else ask_name(self, self.run, path)
+        if path is not None and name:
+            import_tracks(self.run, path, name)
 
     def _on_export(self) -> None:
         path = ask_export(self, self.run)

@@ -156,9 +156,9 @@ class TrackRun(QObject):
         Unwrap3DError
             There is no movie, or nothing to measure; or something is going on.
         """
-        if reason := self.blocked(work):
+        movie, tracks, reason = self.movie, self.tracks.shown, self.blocked(work)
+        if movie is None or reason:
             raise Unwrap3DError("There is nothing to run on.", hint=reason)
-        movie, tracks = self.movie, self.tracks.shown
         function = partial(_worked, work, movie, tracks, self.parameters)
         chosen = self._chosen(work)
         self._begin(work, function, partial(self._on_worked, work, chosen, tracks))
@@ -184,7 +184,9 @@ class TrackRun(QObject):
 
     # Any work in a thread -----------------------------------------------------------
 
-    def begin(self, what: str, work: Callable[[Progress], Any], done: Callable[[Any], None]) -> None:
+    def begin(
+        self, what: str, work: Callable[[Progress], Any], done: Callable[[Any], None]
+    ) -> None:
         """Do something else in the thread, such as reading or writing a file.
 
         Parameters
@@ -297,7 +299,7 @@ def _worked(
 
 
 def counted(count: int, noun: str) -> str:
-    """"1 track", "2 tracks"."""
+    """One track, or several tracks."""
     return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
 
 

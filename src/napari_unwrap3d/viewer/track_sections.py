@@ -31,7 +31,7 @@ from .track_gate import TrackGate, track_gate_of
 from .track_run import TrackRun, Work, counted, run_or_tell
 from .turns import soon
 
-TITLES: dict[Work, str] = {
+TITLES: dict[str, str] = {
     "protrusions": "Protrusions over time",
     "flow": "Regions carried by flow",
     "measure": "Measurements",
