@@ -24,7 +24,7 @@ from qtpy.QtGui import (
     QResizeEvent,
     QShowEvent,
 )
-from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
+from qtpy.QtWidgets import QApplication, QSizePolicy, QToolTip, QWidget
 
 from .connections import disconnect
 from .step_plots import CHOSEN, theme_colours
@@ -35,10 +35,15 @@ if TYPE_CHECKING:
     from ..measuring.measurements import Measurements
 
 LEAST_HEIGHT = 160
+OVER_TIME = "series"
 RESIZED_MS = 80
 DPI = 100.0
 # A curve is hit so many points beside it.
 REACH_POINTS = 4.0
+# How high a plot is, at most, for its width; and those of several axes above each other.
+SINGLE, TALL, SEVERAL = 0.95, 2.2, ("aligned",)
+# How much of what is drawn thinly is the text's colour, the rest the background's.
+THIN = 0.55
 ADD = Qt.KeyboardModifier.ControlModifier | Qt.KeyboardModifier.ShiftModifier
 
 
@@ -88,7 +93,7 @@ class DrawnPlot(QWidget):
         A track was clicked, and whether it is added to those that are selected.
     cleared()
         A place without a track was clicked.
-    timepoint_picked(float)
+    time_picked(float)
         A time in s was double-clicked, in a plot over time.
     drawn()
         What was wanted last is shown.
@@ -110,6 +115,7 @@ class DrawnPlot(QWidget):
         self._time_s: float | None = None
         self._rest = soon(self, self._draw, 0)
         self._resized = soon(self, self._draw, RESIZED_MS)
+        self._clear = soon(self, self.cleared.emit, QApplication.doubleClickInterval())
         self.setMinimumHeight(LEAST_HEIGHT)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Expanding)
         self._connections: list[tuple[Any, Any]] = [(viewer.events.theme, self._on_theme)]
@@ -151,10 +157,10 @@ class DrawnPlot(QWidget):
         if self._what is None or not self.isVisible() or self._task is not None:
             return
         name, measurements, selection, choice = self._what
-        ratio = self.devicePixelRatioF()
-        size = max(round(self.width() * ratio), 40), max(round(self.height() * ratio), 40)
+        ratio, area = self.devicePixelRatioF(), self._area(name, choice)
+        size = max(round(area.width() * ratio), 40), max(round(area.height() * ratio), 40)
         wanted = Wanted(
-            name, measurements, selection, choice, theme_colours(self._viewer), size, ratio
+            name, measurements, selection, choice, plot_colours(self._viewer), size, ratio
         )
         if wanted == self._wanted:
             return
@@ -193,8 +199,7 @@ class DrawnPlot(QWidget):
             return
         painter = QPainter(self)
         painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
-        whole = QRectF(0, 0, self.width(), self.height())
-        painter.drawImage(whole, self._image)
+        painter.drawImage(self._shown_area(), self._image)
         line = self._time_line()
         if line is not None:
             painter.setPen(QPen(QColor(CHOSEN), 1.5))
@@ -226,8 +231,18 @@ class DrawnPlot(QWidget):
     def _scales(self) -> tuple[float, float]:
         """Pixels of the picture in one of Qt's."""
         assert self._shown is not None
-        height, width = self._shown.picture.shape[:2]
-        return width / max(self.width(), 1), height / max(self.height(), 1)
+        (height, width), area = self._shown.picture.shape[:2], self._shown_area()
+        return width / max(area.width(), 1), height / max(area.height(), 1)
+
+    def _area(self, name: str, choice: str) -> QRectF:
+        """Where a plot is drawn: at the top, and not much higher than it is wide."""
+        tallest = TALL if name in SEVERAL and not choice else SINGLE
+        height = min(self.height(), max(round(tallest * self.width()), LEAST_HEIGHT))
+        return QRectF(0, 0, self.width(), height)
+
+    def _shown_area(self) -> QRectF:
+        assert self._shown is not None
+        return self._area(self._shown.wanted.name, self._shown.wanted.choice)
 
     def resizeEvent(self, event: QResizeEvent | None) -> None:
         """Draw in the new size, when it has come to rest."""
@@ -274,10 +289,12 @@ class DrawnPlot(QWidget):
         if track is not None:
             self.picked.emit(track, add)
         elif not add:
-            self.cleared.emit()
+            # Unless a double click follows, which goes to a time.
+            self._clear.start()
 
     def mouseDoubleClickEvent(self, event: QMouseEvent | None) -> None:
         """Go to the time under the mouse."""
+        self._clear.stop()
         axes = self._axes_of_time()
         if event is None or axes is None:
             return
@@ -298,7 +315,15 @@ class DrawnPlot(QWidget):
         return bool(super().event(event))
 
 
-OVER_TIME = "series"
+def plot_colours(viewer: Any) -> dict[str, str]:
+    """In the theme of a viewer; thin lines are between its text and its background."""
+    colours = theme_colours(viewer)
+    text, background = QColor(colours["text"]), QColor(colours["background"])
+    mixed = [
+        THIN * one + (1 - THIN) * other
+        for one, other in zip(text.getRgbF()[:3], background.getRgbF()[:3], strict=True)
+    ]
+    return colours | {"secondary": QColor.fromRgbF(*mixed).name()}
 
 
 def _drawn(wanted: Wanted) -> Drawn:

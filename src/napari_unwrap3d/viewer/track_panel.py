@@ -32,7 +32,7 @@ from .track_files import (
     import_tracks,
 )
 from .track_run import NO_MOVIE, WORKS, track_run_of
-from .track_sections import TITLES, GateSection, Numbers, WorkSection, headed, offered_fields
+from .track_sections import GateSection, Numbers, WorkSection, headed, offered_fields
 
 if TYPE_CHECKING:
     import napari
@@ -104,7 +104,8 @@ class TracksPanel(QWidget):
             if work == "measure":
                 column.addWidget(headed("Which are kept", self.gate))
             column.addWidget(section)
-        column.addWidget(headed("Numbers", self.numbers))
+        self.numbers_part = headed("Numbers", self.numbers)
+        column.addWidget(self.numbers_part)
         column.addStretch(1)
         first, second, last = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
         first.addWidget(self.names_box, 1)
@@ -186,11 +187,14 @@ class TracksPanel(QWidget):
     def _on_state(self) -> None:
         busy = bool(self.run.busy_with)
         there = self.run.movie is not None
-        self.progress_bar.setVisible(busy)
-        self.cancel_button.setVisible(busy)
-        if not busy:
+        # The sections show their own.
+        file = busy and self.run.busy_with not in WORKS
+        self.progress_bar.setVisible(file)
+        self.cancel_button.setVisible(file)
+        if not file:
             self.progress_bar.setValue(0)
-        self.progress_bar.setFormat(TITLES.get(self.run.busy_with, self.run.busy_with))
+        self.progress_bar.setFormat(self.run.busy_with)
+        self.numbers_part.setVisible(self.tracks.tracks is not None)
         self.import_button.setEnabled(there and not busy)
         self.export_button.setEnabled(self.tracks.shown is not None and not busy)
         if not there:

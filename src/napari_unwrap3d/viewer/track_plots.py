@@ -67,6 +67,8 @@ class TrackPlotsDock(Docked):
         self.run = track_run_of(napari_viewer)
         self.tracks = self.run.tracks
         self._kinds: dict[str, Any] = {}
+        self._filled = ""
+        self._choices: dict[str, str] = {}  # by kind: what was chosen last
         self._build()
         self._arrange()
         self._rest = soon(self, self._show, REST_MS)
@@ -133,8 +135,8 @@ class TrackPlotsDock(Docked):
 
     def _connect(self) -> None:
         self.kind_box.currentIndexChanged.connect(self._show)
-        self.choice_box.activated.connect(self._show)
-        self.measure_button.clicked.connect(self.measure)
+        self.choice_box.activated.connect(self._on_choice)
+        self.measure_button.clicked.connect(self._on_measure)
         self.automatic.toggled.connect(self._on_automatic)
         self.export_button.clicked.connect(self._on_export)
         self.notice.pressed.connect(self._on_notice)
@@ -163,6 +165,16 @@ class TrackPlotsDock(Docked):
     def measure(self) -> None:
         """Measure the tracks that are shown; what is wrong is shown as a notification."""
         run_or_tell(self.run, "measure")
+
+    def _on_measure(self) -> None:
+        if self.run.busy_with == "measure":
+            self.run.cancel()
+        else:
+            self.measure()
+
+    def _on_choice(self, _: int) -> None:
+        self._choices[self.kind] = self.choice
+        self._show()
 
     def _on_automatic(self, _: bool) -> None:
         self._on_shown()
@@ -236,7 +248,8 @@ class TrackPlotsDock(Docked):
     def _on_state(self) -> None:
         measuring = self.run.busy_with == "measure"
         blocked = self.run.blocked("measure")
-        self.measure_button.setEnabled(not blocked and not self.run.busy_with)
+        self.measure_button.setText("Cancel" if measuring else "Measure")
+        self.measure_button.setEnabled(measuring or not (blocked or self.run.busy_with))
         self.stale.setVisible(self.run.is_stale("measure") and not measuring)
         self.export_button.setEnabled(not self.run.busy_with and self._missing() == "")
         if self.automatic.isChecked() and self.run.is_stale("measure"):
@@ -292,8 +305,9 @@ class TrackPlotsDock(Docked):
         if choices and self.kind in TOGETHER:
             choices = ("", *choices)
         before = [self.choice_box.itemData(i) for i in range(self.choice_box.count())]
-        if before != list(choices):
-            chosen = self.choice
+        if before != list(choices) or self._filled != self.kind:
+            self._filled = self.kind
+            chosen = self._choices.get(self.kind, "")
             self.choice_box.clear()
             for choice in choices:
                 self.choice_box.addItem(column_label(choice) if choice else EVERYTHING, choice)
