@@ -105,7 +105,7 @@ def test_no_tracks_are_no_lines():
 
 
 def test_tracks_that_lie_on_no_image_cannot_be_drawn_on_one():
-    columns = dict.fromkeys(("track_id", "timepoint", "z_um", "y_um", "x_um"), [1])
+    columns = {name: [1] for name in ("track_id", "timepoint", "z_um", "y_um", "x_um")}
     tracks = Tracks.of(columns, time_step_s=1.0, timepoints=2)
     with pytest.raises(InputError, match="do not lie"):
         lines_on_uv(tracks)

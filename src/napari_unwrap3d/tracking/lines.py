@@ -93,7 +93,8 @@ def lines_on_uv(tracks: Tracks) -> TrackLines:
         )
     place = wrap_uv(tracks.place_px, tracks.rows)
     chains = _chains(tracks)
-    chains = chains.kept(np.isfinite(place[chains.row]).all(axis=1))
+    known = np.asarray(np.isfinite(place[chains.row]).all(axis=1))
+    chains = chains.kept(known)
     start = _starts(chains)
     here, there = place[chains.row[start]], place[chains.row[start + 1]]
     ahead = _image_near(there, here, tracks.rows)
@@ -207,7 +208,7 @@ def _numbered(chain: Ints, begins: npt.NDArray[np.bool_]) -> Ints:
         return chain
     part = np.cumsum(begins)
     first = np.r_[True, chain[1:] != chain[:-1]]
-    before = part - begins
-    parts_before = np.maximum.accumulate(np.where(first, before, 0))
-    within = part - parts_before
+    # The count of cuts where each chain begins, then of those within it.
+    before: Ints = np.maximum.accumulate(np.where(first, part - begins, 0))
+    within: Ints = part - before
     return np.where(within == 0, chain, chain.max() + part)

@@ -10,11 +10,14 @@ from qtpy.QtCore import QEvent, QObject, Signal
 
 from ..charts import Tracks
 from ..motion.movie import Movie
+from ..tracking.edits import TrackEdits
 from .annotation_colours import Colour
 from .movie_session import movie_session_of
 from .per_viewer import PerViewer
 from .threads import Task, tell
-from .track_colours import UNKNOWN, TrackColours, colour_columns
+from .time_axis import time_scale
+from .track_colours import COLORMAP, UNKNOWN, TrackColours, colour_columns
+from .track_editing import TrackEditing
 from .turns import soon
 
 if TYPE_CHECKING:
@@ -52,7 +55,13 @@ class TracksSession(QObject):
     column : str
         What colours them, of ``tracks.columns`` or ``tracks.track_table``; empty for a colour
         each.
+    colormap : str
+        Of napari, for that column.
+    ids : bool
+        Whether the numbers of all tracks are written beside them, or only of those selected.
     edits : TrackEdits or None
+    editing : TrackEditing
+        What is done to the tracks that are selected.
     measurements : Measurements or None
         Of `shown`; None until they are made, and again when the tracks change.
 
@@ -64,6 +73,7 @@ class TracksSession(QObject):
         What is shown: other tracks, edited, or another gate.
     selection_changed()
     colouring_changed()
+        `column`, `colormap` or `ids`.
     measured()
         `measurements`.
     names_changed()
@@ -87,14 +97,16 @@ class TracksSession(QObject):
         self.shown: Tracks | None = None
         self.gate: frozenset[int] | None = None
         self.selection: frozenset[int] = frozenset()
-        self.column = ""
-        self.edits: Any = None
+        self.column, self.colormap = "", COLORMAP
+        self._ids = False
+        self.edits: TrackEdits | None = None
         self.measurements: Measurements | None = None
         self._colours: TrackColours | None = None
         self._of_tracks: dict[int, Colour] | None = None
         self._reading: Task | None = None
         self._keeping: Task | None = None
         self._keep_timer = soon(self, self._keep, REST_MS)
+        self.editing = TrackEditing(self)
         self.movies = movie_session_of(viewer)
         self.movies.movie_changed.connect(self._on_movie)
         if self.movies.movie is not None:
@@ -104,6 +116,15 @@ class TracksSession(QObject):
     def viewer(self) -> Any:
         """The viewer; None once it is gone."""
         return self._viewer()
+
+    @property
+    def timepoint(self) -> int:
+        """That is shown: of the movie, or without one of napari's own slider."""
+        viewer = self._viewer()
+        if self.movies.movie is not None or viewer is None or self.tracks is None:
+            return self.movies.timepoint
+        scale = time_scale(viewer, self.tracks.timepoints)
+        return 0 if scale is None else scale.timepoint(viewer)
 
     # The tracks -----------------------------------------------------------------
 
@@ -116,7 +137,21 @@ class TracksSession(QObject):
         self._take(tracks)
 
     def _begin_edits(self, tracks: Tracks | None) -> None:
-        self.edits = None
+        if self.edits is not None:
+            self.edits.changed.disconnect(self._on_edited)
+            self.edits = None
+        if tracks is not None:
+            self.edits = TrackEdits(tracks, self.movie)
+            self.edits.changed.connect(self._on_edited)
+
+    def _on_edited(self, _: frozenset[int]) -> None:
+        """Show what an edit made; a track that it made is shown whatever the gate."""
+        assert self.edits is not None
+        tracks = self.edits.tracks
+        if self.gate is not None and self.tracks is not None:
+            self.gate |= frozenset(tracks.ids.tolist()) - frozenset(self.tracks.ids.tolist())
+        self._take(tracks)
+        self._keep_timer.start()
 
     def _take(self, tracks: Tracks | None) -> None:
         """These are the tracks now."""
@@ -170,16 +205,26 @@ class TracksSession(QObject):
 
     # Colours --------------------------------------------------------------------
 
-    def colour_by(self, column: str) -> None:
+    def colour_by(self, column: str, colormap: str = "") -> None:
         """Colour every view by a column of ``tracks.columns`` or ``tracks.track_table``.
 
         An empty one gives each track its own colour; what is unknown does, too.
         """
-        known = () if self.tracks is None else colour_columns(self.tracks)
-        column = column if column in known else ""
-        if column != self.column:
-            self.column = column
+        wanted = column if column in self.columns else "", colormap or self.colormap
+        if wanted != (self.column, self.colormap):
+            self.column, self.colormap = wanted
             self._colours = self._of_tracks = None
+            self.colouring_changed.emit()
+
+    @property
+    def ids(self) -> bool:
+        """Whether the numbers of all tracks are written beside them."""
+        return self._ids
+
+    @ids.setter
+    def ids(self, wanted: bool) -> None:
+        if wanted != self._ids:
+            self._ids = wanted
             self.colouring_changed.emit()
 
     @property
@@ -191,7 +236,7 @@ class TracksSession(QObject):
     def colours(self) -> TrackColours | None:
         """Of the rows of `shown`."""
         if self._colours is None and self.shown is not None:
-            self._colours = TrackColours(self.shown, self.column)
+            self._colours = TrackColours(self.shown, self.column, self.colormap)
         return self._colours
 
     def colour(self, track: int) -> Colour:
@@ -281,6 +326,7 @@ class TracksSession(QObject):
 
     def close(self) -> None:
         """Leave no thread, and nothing unwritten."""
+        self.editing.close()
         self._finish_keeping()
         for task in (self._keeping, self._reading):
             if task is not None:
@@ -303,7 +349,10 @@ def _read(movie: Movie, name: str, show: bool) -> tuple[Movie, tuple[str, ...], 
 
 
 def _begin(viewer: Any, session: TracksSession) -> None:
-    """What shows the tracks begins with them."""
+    from .track_layers import TrackLayers
+    from .track_picking import TrackPicking
+
+    TrackPicking(viewer, session, TrackLayers(viewer, session))
 
 
 _SESSIONS: PerViewer[TracksSession] = PerViewer(TracksSession, _begin)
