@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import weakref
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from ..charts import Floats, Ints, Tracks
 from .canvas import canvas_of, open_canvas
 from .layers import IMAGE, KEY, PIXELS, SPACE, UNIT
 from .placing import chart_of, undisturbed
+from .point_layers import TEXT, beside
 
 if TYPE_CHECKING:
     from .track_layers import TrackLayers
@@ -24,13 +26,6 @@ IN_SPACE, ON_UV = "surface", "uv"
 SIZE_SHARE = 0.035
 PIXELS_WIDE, ROWS = 9.0, 512
 RIM, RIM_SELECTED = "#202020", "#ffffff"
-TEXT = {
-    "string": "{shown}",
-    "size": 9,
-    "color": "#ffffff",
-    "anchor": "lower_left",
-    "blending": "translucent_no_depth",
-}
 
 
 class TrackHeads(QObject):
@@ -136,27 +131,43 @@ class TrackHeads(QObject):
         self._syncing = True
         try:
             layer.selected_data.clear()
-            if tracks is None or colours is None or not len(rows):
-                layer.data = np.zeros((0, layer.ndim))
-                return
-            ids = tracks.track_id[rows]
-            chosen = np.isin(ids, list(self._session.selection))
-            layer.data = _places(tracks, chart)[rows]
-            # One that is hidden would look for texts of points that are gone.
-            layer.set_view_slice()
-            layer.face_color = colours
-            layer.border_color = np.where(chosen[:, None], *_rims())
-            layer.features = self._features(tracks, rows, chosen)
-            layer.refresh_text()
-            # napari selects what is new, and draws a box over it.
-            layer.selected_data.clear()
+            with ExitStack() as blocked:
+                # napari would show each of these by itself, and look at all layers again for
+                # the new extent.
+                for event in (layer.events.set_data, layer.events.data, layer.events.extent):
+                    blocked.enter_context(event.blocker())
+                self._put(layer, chart, tracks, rows, colours)
+                # napari selects what is new, and draws a box over it.
+                layer.selected_data.clear()
+            layer.refresh(extent=False)
         finally:
             self._syncing = False
 
-    def _features(self, tracks: Tracks, rows: Ints, chosen: Any) -> dict[str, npt.NDArray[Any]]:
+    def _put(
+        self,
+        layer: Points,
+        chart: str,
+        tracks: Tracks | None,
+        rows: Ints,
+        colours: npt.NDArray[Any] | None,
+    ) -> None:
+        if tracks is None or colours is None or not len(rows):
+            layer.data = np.zeros((0, layer.ndim))
+            return
+        chosen = np.isin(tracks.track_id[rows], list(self._session.selection))
+        layer.data = _places(tracks, chart)[rows]
+        # One that is hidden would look for texts of points that are gone.
+        layer.set_view_slice()
+        layer.face_color = colours
+        layer.border_color = np.where(chosen[:, None], *_rims())
+        layer.features = self._features(tracks, rows, chosen, chart)
+
+    def _features(
+        self, tracks: Tracks, rows: Ints, chosen: Any, chart: str
+    ) -> dict[str, npt.NDArray[Any]]:
         ids = tracks.track_id[rows]
         written = chosen | self._session.ids
-        shown = [str(i) if there else "" for i, there in zip(ids, written, strict=True)]
+        shown = [beside(str(i), chart) if there else "" for i, there in zip(ids, written, strict=True)]
         columns = {name: column[rows] for name, column in tracks.columns.items()}
         del columns["track_id"]
         return {"track": ids, "shown": np.array(shown, dtype=object), **columns}
