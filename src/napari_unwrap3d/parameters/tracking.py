@@ -93,6 +93,23 @@ class BoxParameters(StepParameters):
     field: str = setting(
         "mean_curvature_per_um", "Field", "What the flow is computed from.", source=BOXES
     )
+    window_um: Positive | None = setting(
+        None,
+        "Window",
+        "Over what length motion is taken to be the same (flow = farneback); empty: a sixteenth "
+        "of the image's height.",
+        unit="µm",
+    )
+    clipped_percent: float = setting(
+        0.5,
+        "Clipped values",
+        "How many percent of the values are shown as black, and as many as white, in the 8-bit "
+        "images that the flow is computed from. The paper takes the extremes: 0.",
+        unit="%",
+        source=BOXES,
+        ge=0,
+        lt=50,
+    )
     least_iou: float = setting(
         0.25,
         "Least overlap",
@@ -134,9 +151,19 @@ class FlowParameters(StepParameters):
     window_um: Positive | None = setting(
         None,
         "Window",
-        "Over what length motion is taken to be the same; empty: a sixteenth of the image's "
-        "height.",
+        "Over what length motion is taken to be the same (method = farneback); empty: a "
+        "sixteenth of the image's height.",
         unit="µm",
+    )
+    clipped_percent: float = setting(
+        0.5,
+        "Clipped values",
+        "How many percent of the values are shown as black, and as many as white, in the 8-bit "
+        "images that the flow is computed from. The paper takes the extremes: 0.",
+        unit="%",
+        source=ROIS,
+        ge=0,
+        lt=50,
     )
     regions: int = setting(
         1000, "Regions", "How many regions the image begins with.", source=ROIS, ge=4, le=20000
