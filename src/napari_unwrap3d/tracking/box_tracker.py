@@ -28,7 +28,7 @@ from ..progress import Progress, silent
 from ..unwrapping.elements import region_mean
 from .boxes import Box, bounding_boxes, overlaps
 from .columns import protrusion_columns
-from .flows import FlowsOfMovie
+from .flows import FieldImages, FlowsOfMovie
 from .optical_flow import in_pixels
 from .places import height_at, on_surface
 
@@ -130,13 +130,13 @@ def _linked(
     if not found:
         return []
     chosen = parameters.boxes
+    times = [one.timepoint for one in found]
     flows = FlowsOfMovie(
-        movie,
-        chosen.field,
+        FieldImages(movie, chosen.field, times),
+        times,
         chosen.flow,
         chosen.window_um,
         chosen.clipped_percent,
-        [one.timepoint for one in found],
         progress.part(0.0, 0.1),
     )
     gap = int(parameters.tracking.gap_s / movie.time_step_s + 1e-9)

@@ -17,6 +17,69 @@ if TYPE_CHECKING:
     from ..motion.movie import Movie
 
 SAMPLED_FRAMES = 12
+RATIO = "/"
+
+
+class FieldImages:
+    """The uv images of a field, or of the ratio of two, averaged over time if asked for.
+
+    Memory is that of the images of one average, whatever the number of timepoints.
+
+    Parameters
+    ----------
+    movie : Movie
+    field : str
+        A name in ``frame.uv``, or two with a slash in between.
+    timepoints : sequence of int
+        Those that there are.
+    smoothing_s : float
+        Full width at half maximum of the average over time (a Hann window); 0: none.
+
+    Raises
+    ------
+    InputError
+        The movie has no such field.
+    """
+
+    def __init__(
+        self, movie: Movie, field: str, timepoints: Sequence[int], smoothing_s: float = 0.0
+    ) -> None:
+        self.movie, self.field = movie, field
+        self._parts = [part.strip() for part in field.split(RATIO)]
+        unknown = [part for part in self._parts if part not in movie.fields]
+        if unknown or len(self._parts) > 2:
+            raise InputError(
+                f"There is no field {unknown[0] if unknown else field!r}.",
+                hint=f"Fields: {', '.join(movie.fields)}; or a ratio of two, such as a/b.",
+            )
+        self._there = np.array(sorted(timepoints), np.int64)
+        self._width = smoothing_s / movie.time_step_s
+        self._kept: dict[int, npt.NDArray[Any]] = {}
+
+    def at(self, timepoint: int) -> npt.NDArray[Any]:
+        """The image (N, 2N) of a timepoint; NaN where it is not known."""
+        apart = self._there - timepoint
+        near = self._there[np.abs(apart) < max(self._width, 0.5)]
+        if self._width < 1 or len(near) < 2:
+            return self._single(timepoint)
+        kept, self._kept = self._kept, {}
+        total, weights = np.zeros(()), np.zeros(())
+        for other in near.tolist():
+            image = self._kept[other] = kept[other] if other in kept else self._single(other)
+            weight = np.cos(np.pi / 2 * (other - timepoint) / self._width) ** 2
+            known = np.isfinite(image)
+            total = total + weight * np.where(known, image, 0.0)
+            weights = weights + weight * known
+        return np.asarray(
+            np.divide(total, weights, where=weights > 0, out=np.full_like(total, np.nan))
+        )
+
+    def _single(self, timepoint: int) -> npt.NDArray[Any]:
+        images = [np.asarray(self.movie.frame(timepoint).uv[part]) for part in self._parts]
+        if len(images) == 1:
+            return images[0]
+        below = np.where(images[1] == 0, np.nan, images[1])
+        return np.asarray(images[0] / below)
 
 
 class FlowsOfMovie:
@@ -26,16 +89,14 @@ class FlowsOfMovie:
 
     Parameters
     ----------
-    movie : Movie
-    field : str
-        A name in ``frame.uv``.
+    images : FieldImages
+    timepoints : sequence of int
+        Those that will be asked for.
     method : {"farneback", "dis"}
     window_um : float or None
         See :class:`SphereFlow`.
     clipped_percent : float
         See :func:`grey_limits`; percentiles are those of a sample of the timepoints.
-    timepoints : sequence of int
-        Those that will be asked for.
     progress : Progress
 
     Attributes
@@ -48,28 +109,24 @@ class FlowsOfMovie:
     Raises
     ------
     InputError
-        The movie has no such field, or no value of it.
+        No image has a value.
     """
 
     def __init__(
         self,
-        movie: Movie,
-        field: str,
+        images: FieldImages,
+        timepoints: Sequence[int],
         method: Method,
         window_um: float | None,
         clipped_percent: float,
-        timepoints: Sequence[int],
         progress: Progress,
     ) -> None:
-        if field not in movie.fields:
-            raise InputError(
-                f"There is no field {field!r}.", hint=f"Fields: {', '.join(movie.fields)}."
-            )
-        self._movie, self._field = movie, field
+        movie = images.movie
+        self._images = images
         self.rows = movie.common.uv.shape[0]
         size = None if window_um is None else window_um / pixel_um(movie.common.uv)
         self._flow = SphereFlow(self.rows, method, size)
-        self._limits = _limits(movie, field, timepoints, clipped_percent, progress)
+        self._limits = _limits(images, timepoints, clipped_percent, progress)
         self._before: Bytes | None = None
         self.uv: Mapping[str, npt.NDArray[Any]] = {}
 
@@ -78,8 +135,8 @@ class FlowsOfMovie:
 
         See :meth:`SphereFlow.between`; 0 for the first one.
         """
-        self.uv = self._movie.frame(timepoint).uv
-        after = grey(self.uv[self._field], self._limits)
+        self.uv = self._images.movie.frame(timepoint).uv
+        after = grey(self._images.at(timepoint), self._limits)
         before, self._before = self._before, after
         if before is None:
             return np.zeros((*after.shape, 3))
@@ -94,11 +151,7 @@ def pixel_um(uv: UV) -> float:
 
 
 def _limits(
-    movie: Movie,
-    field: str,
-    timepoints: Sequence[int],
-    clipped_percent: float,
-    progress: Progress,
+    images: FieldImages, timepoints: Sequence[int], clipped_percent: float, progress: Progress
 ) -> tuple[float, float]:
     """The values of a field that are black and white at all timepoints."""
     chosen = list(timepoints)
@@ -106,9 +159,9 @@ def _limits(
         places = np.linspace(0, len(chosen) - 1, SAMPLED_FRAMES)
         chosen = [chosen[int(place)] for place in np.rint(places)]
 
-    def images() -> Iterable[npt.NDArray[Any]]:
+    def found() -> Iterable[npt.NDArray[Any]]:
         for number, timepoint in enumerate(chosen):
-            progress(number / len(chosen), f"{field}, timepoint {timepoint}")
-            yield movie.frame(timepoint).uv[field]
+            progress(number / len(chosen), f"{images.field}, timepoint {timepoint}")
+            yield images.at(timepoint)
 
-    return grey_limits(images(), clipped_percent)
+    return grey_limits(found(), clipped_percent)
