@@ -141,7 +141,8 @@ def test_a_click_selects_a_track_everywhere_and_is_seen(
     assert drawn.wanted.selection == {7}
     # A double click goes to its time, and leaves the selection.
     axes = drawn.figure.axes[0]
-    place = pixel(dock, 3 * window.movie.time_step_s, axes.get_ylim()[1])
+    low, high = axes.get_ylim()
+    place = pixel(dock, 3 * window.movie.time_step_s, low + 0.97 * (high - low))
     assert dock.plot.track_at(QPointF(place)) is None
     QTest.mouseClick(dock.plot, LEFT, NONE, place)
     QTest.mouseDClick(dock.plot, LEFT, NONE, place)
