@@ -17,6 +17,13 @@ from ..parameters import MeasurementParameters, Parameters
 from ..pipeline import ProgressLike
 from ..progress import Progress
 from ..provenance import environment
+from ..tracking.velocities import (
+    LATERAL,
+    SPEED,
+    annotated_plane,
+    with_lateral,
+    with_velocities,
+)
 from . import tables
 from .correlation import (
     FEWEST_PAIRS,
@@ -30,7 +37,7 @@ from .events import Events, event_columns, find_events
 from .measurements import Measurements
 from .places import Places, places_of
 from .sampling import Sampled, sample
-from .speeds import LATERAL, SPEED, mean_by_track, populations, step_speeds
+from .speeds import mean_by_track, populations, step_speeds
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -80,13 +87,12 @@ def measure_tracks(
     regions = names_in(chosen.regions)
     for region in regions:
         movie.common.annotations.annotation(region)
-    places = places_of(movie, measured, given, report.part(0.0, 0.25))
+    measured = _with_speeds(movie, measured, chosen, report.part(0.0, 0.1))
+    places = places_of(movie, measured, given, report.part(0.1, 0.25))
     wanted = tuple(dict.fromkeys((*fields, *pair)))
     sampled = sample(movie, places, wanted, given, report.part(0.25, 0.9), regions)
     report(0.9, "events and correlations")
-    work = _Analysis(
-        measured, places, sampled, chosen, wanted, pair, _lateral(movie, measured, chosen)
-    )
+    work = _Analysis(measured, places, sampled, chosen, wanted, pair)
     return Measurements(
         tracks=measured,
         parameters=given,
@@ -155,13 +161,14 @@ def correlated_fields(movie: Movie, chosen: MeasurementParameters) -> tuple[str,
     return names
 
 
-def _lateral(movie: Movie, tracks: Tracks, chosen: MeasurementParameters) -> Floats | None:
-    """Speeds (n,) along the plane of an annotation; None unless one is named."""
-    if not chosen.plane:
-        return None
-    from ..tracking.velocities import lateral_speeds
-
-    return lateral_speeds(movie, tracks, chosen.plane)
+def _with_speeds(
+    movie: Movie, tracks: Tracks, chosen: MeasurementParameters, progress: Progress
+) -> Tracks:
+    """Tracks that know their speed along the surface, and along the plane of an annotation."""
+    on_surface = np.isfinite(tracks.place_px).all() and len(tracks) > 0
+    if SPEED not in tracks.columns and on_surface:
+        tracks = with_velocities(movie, tracks, progress)
+    return with_lateral(tracks, annotated_plane(movie, chosen.plane)) if chosen.plane else tracks
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,7 +181,6 @@ class _Analysis:
     chosen: MeasurementParameters
     fields: tuple[str, ...]
     pair: tuple[str, ...]
-    lateral: Floats | None
 
     @property
     def step_s(self) -> float:
@@ -328,8 +334,9 @@ class _Analysis:
     def speeds(self) -> dict[str, Floats]:
         """Mean speed (k,) of every track, along the surface and along the plane."""
         found = {SPEED: mean_by_track(self.tracks, step_speeds(self.tracks))}
-        if self.lateral is not None:
-            found[LATERAL] = mean_by_track(self.tracks, self.lateral)
+        if self.chosen.plane:
+            lateral = np.asarray(self.tracks.columns[LATERAL], np.float64)
+            found[LATERAL] = mean_by_track(self.tracks, lateral)
         return found
 
     @cached_property
@@ -375,13 +382,13 @@ class _Analysis:
 
     @property
     def _speed(self) -> str:
-        return SPEED if self.lateral is None else LATERAL
+        return LATERAL if self.chosen.plane else SPEED
 
     @cached_property
     def numbers(self) -> dict[str, Any]:
         lifetimes = self.tracks.lifetimes_s()
         count = sum(len(found) for found in self.events.values())
-        along = "the surface" if self.lateral is None else f"the plane of {self.chosen.plane}"
+        along = f"the plane of {self.chosen.plane}" if self.chosen.plane else "the surface"
         found: dict[str, Any] = {
             "tracks": len(self.tracks.ids),
             "place": self.places.kind,

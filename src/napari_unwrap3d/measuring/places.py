@@ -165,7 +165,7 @@ def _squares(movie: Movie, tracks: Tracks, chosen: MeasurementParameters) -> Flo
 
 def _fill_gaps(tracks: Tracks, corners: Floats, rows: int) -> None:
     """Boxes where there is none, between the neighbours of the same track; in place."""
-    missing: npt.NDArray[np.bool_] = ~np.isfinite(corners).all(axis=1)
+    missing = np.asarray(~np.isfinite(corners).all(axis=1))
     for track in np.unique(tracks.track_id[missing]).tolist():
         part = tracks.rows_of(track)
         known = np.flatnonzero(~missing[part])

@@ -14,11 +14,9 @@ import numpy.typing as npt
 from skimage.filters import threshold_multiotsu
 
 from ..charts import Floats, Tracks
+from ..tracking.velocities import SPEED
 
 CLASSES = 3
-SPEED = "speed_um_per_min"
-LATERAL = "lateral_um_per_min"
-VELOCITY = ("velocity_z_um_per_min", "velocity_y_um_per_min", "velocity_x_um_per_min")
 
 
 @dataclass(frozen=True)
