@@ -28,6 +28,11 @@ VOXEL_UM = 0.15
 SIZE = 112
 ROWS = 256
 DONE = "unwrapped.json"
+# What unwrapping does not depend on.
+AFTERWARDS = {
+    *("protrusions", "topographic", "refinement"),
+    *("tracking", "boxes", "flow", "measurement"),
+}
 # A truth label is looked for so far from a vertex; beyond it the vertex is the body's.
 REACH_VOXELS = 2.0
 LEAST_SHARED = 0.3
@@ -108,7 +113,7 @@ def unwrapped(
     truth = unwrap3d.simulate.movie(kind, seed, timepoints=timepoints, **arguments)
     chosen = {"uv": {"rows": rows}, "stack": {"threshold": "edge"}} | (groups or {})
     parameters = unwrap3d.Parameters.from_dict(chosen)
-    key = content_hash(truth.key, parameters.model_dump_json())[:12]
+    key = content_hash(truth.key, parameters.model_dump_json(exclude=AFTERWARDS))[:12]
     cache = Path(os.environ.get("UNWRAP3D_BENCH_CACHE", HERE / "cache"))
     folder = cache / f"{kind}-{seed}-{key}"
     if not (folder / DONE).exists():
