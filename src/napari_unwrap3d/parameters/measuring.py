@@ -7,6 +7,7 @@ from typing import Literal
 from .base import Positive, StepParameters, setting
 from .movie import BLEBS, RUFFLES
 
+SERIES = f"{BLEBS}, Bleb timeseries extraction"
 EVENTS = f"{BLEBS}, Bleb event alignment"
 CROSS = f"{RUFFLES}, Cross-correlation and curvature relationship"
 
@@ -22,6 +23,34 @@ class MeasurementParameters(StepParameters):
         "Fields",
         "Fields whose mean over each track's place is taken, by name and separated by commas; "
         "all: the mean curvature and every signal.",
+    )
+    place: Literal["protrusion", "box"] = setting(
+        "protrusion",
+        "Place",
+        "protrusion: the series of a protrusion are those of its own surface, and off it is the "
+        "rest of the box around it; box: those of the box, in which the largest part that is bent "
+        "outwards is on the protrusion (the paper's way).",
+        source=SERIES,
+    )
+    region_um: Positive = setting(
+        1.0,
+        "Side of a region",
+        "Of the square around tracks that have neither protrusions, boxes nor regions of their "
+        "own, such as imported ones.",
+        unit="µm",
+    )
+    beyond_s: float = setting(
+        0.0,
+        "Beyond the life",
+        "For how long before its first and after its last timepoint the place of a track is "
+        "measured on.",
+        unit="s",
+        ge=0,
+    )
+    regions: str = setting(
+        "",
+        "Regions",
+        "Annotations whose series are measured, too, by name and separated by commas.",
     )
     inside: str = setting(
         "", "Inside", "Only tracks that stay inside this annotation; empty: everywhere."
