@@ -167,7 +167,9 @@ class TrackHeads(QObject):
     ) -> dict[str, npt.NDArray[Any]]:
         ids = tracks.track_id[rows]
         written = chosen | self._session.ids
-        shown = [beside(str(i), chart) if there else "" for i, there in zip(ids, written, strict=True)]
+        shown = [
+            beside(str(i), chart) if there else "" for i, there in zip(ids, written, strict=True)
+        ]
         columns = {name: column[rows] for name, column in tracks.columns.items()}
         del columns["track_id"]
         return {"track": ids, "shown": np.array(shown, dtype=object), **columns}
