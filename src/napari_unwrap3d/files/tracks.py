@@ -35,6 +35,11 @@ FORMATS = {
 }
 
 
+def check_format(path: str | Path) -> None:
+    """Raise :class:`FileFormatError` where tracks cannot be written to such a file."""
+    _chosen(WRITERS, path)
+
+
 def write_tracks(
     path: str | Path, tracks: Tracks, movie: Movie | None = None, *, name: str = ""
 ) -> Path:
