@@ -23,9 +23,10 @@ from qtpy.QtWidgets import (
 
 from ..charts import Size3, check_voxel_size
 from ..errors import Unwrap3DError
+from ..files.movie import TRACKS_NAME
 from ..progress import Progress
 from .threads import tell
-from .track_run import TrackRun, counted
+from .track_run import TrackRun, counted, free_name
 
 if TYPE_CHECKING:
     from ..charts import Tracks
@@ -66,7 +67,7 @@ class ImportDialog(QDialog):
         super().__init__(parent)
         self.path = path
         self.setWindowTitle("Import tracks")
-        self.name = QLineEdit(free_name(path.stem, taken))
+        self.name = QLineEdit(free_name(_as_name(path.stem), taken))
         self.name.setToolTip("Under this name they are kept with the movie.")
         self.world = QComboBox()
         self.world.addItem("the registered movie", False)
@@ -101,8 +102,9 @@ class ImportDialog(QDialog):
             line.textChanged.connect(self._check)
 
     def _check(self, _: str) -> None:
-        size = self.voxel_size.text().strip()
-        self.ok.setEnabled(bool(self.name.text().strip()) and (not size or bool(self._size())))
+        size, name = self.voxel_size.text().strip(), self.name.text().strip()
+        known = not size or self._size() is not None
+        self.ok.setEnabled(bool(TRACKS_NAME.fullmatch(name)) and known)
 
     def _size(self) -> Size3 | None:
         try:
@@ -125,12 +127,10 @@ class Imported:
     tracks: Tracks
 
 
-def free_name(stem: str, taken: tuple[str, ...]) -> str:
-    """A name that no tracks of the movie have."""
-    name, number = stem, 2
-    while name in taken:
-        name, number = f"{stem} {number}", number + 1
-    return name
+def _as_name(stem: str) -> str:
+    """The name of a file as one of tracks: what these cannot hold becomes "_"."""
+    name = re.sub(r"[^\w .-]|[^\x00-\x7f]", "_", stem).strip()
+    return name if TRACKS_NAME.fullmatch(name) else f"tracks {name}".strip()
 
 
 def ask_file(parent: QWidget) -> Path | None:
