@@ -142,7 +142,7 @@ def test_a_click_selects_a_track_everywhere_and_is_seen(
     # A double click goes to its time, and leaves the selection.
     axes = drawn.figure.axes[0]
     low, high = axes.get_ylim()
-    place = pixel(dock, 3 * window.movie.time_step_s, low + 0.97 * (high - low))
+    place = pixel(dock, 3 * window.movie.time_step_s, low + 0.04 * (high - low))
     assert dock.plot.track_at(QPointF(place)) is None
     QTest.mouseClick(dock.plot, LEFT, NONE, place)
     QTest.mouseDClick(dock.plot, LEFT, NONE, place)

@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from ..motion.movie import Movie
 
 _NUMBERS = re.compile(r"[\s,;×]+")
+# So that a number still fits in.
+LONGEST = 60
 READING, WRITING = "Reading tracks", "Writing tracks"
 TABLES = "*.csv *.parquet"
 IMPORTED = f"Tracks (*.xml {TABLES});;TrackMate (*.xml);;Table ({TABLES});;All files (*)"
@@ -129,8 +131,8 @@ class Imported:
 
 def _as_name(stem: str) -> str:
     """The name of a file as one of tracks: what these cannot hold becomes "_"."""
-    name = re.sub(r"[^\w .-]|[^\x00-\x7f]", "_", stem).strip()
-    return name if TRACKS_NAME.fullmatch(name) else f"tracks {name}".strip()
+    name = re.sub(r"[^\w .-]", "_", stem).strip()
+    return (name if TRACKS_NAME.fullmatch(name) else f"tracks {name}")[:LONGEST]
 
 
 def ask_file(parent: QWidget) -> Path | None:
