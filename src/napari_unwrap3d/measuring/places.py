@@ -93,7 +93,7 @@ def places_of(
     if kind != "region":
         _fill_gaps(tracks, corners, rows)
     chosen = parameters.measurement
-    if chosen.place == "box" and kind == "protrusion":
+    if chosen.on == "curvature" and kind == "protrusion":
         kind = "box"
     found = Places(
         tracks.track_id,
