@@ -39,10 +39,10 @@ class MeasurementParameters(StepParameters):
         unit="µm",
     )
     beyond_s: float = setting(
-        0.0,
+        12.0,
         "Beyond the life",
-        "For how long before its first and after its last timepoint the place of a track is "
-        "measured on.",
+        "For how long before its first and after its last timepoint the box of a protrusion is "
+        "measured on, where it was: a signal that follows later is seen only so.",
         unit="s",
         ge=0,
     )
