@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,7 @@ from .measurements import Measurements
 from .places import Places, places_of
 from .sampling import Sampled, sample
 from .speeds import mean_by_track, populations, step_speeds
+from .still import STILL, groups_of, still_tracks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from ..motion.movie import Movie
 
 ALL = "all"
-AREA, HEIGHT = "area_um2", "height_max_um"
+AREA, ON_AREA, HEIGHT = "area_um2", "on_area_um2", "height_max_um"
 # The paper's range of mean curvatures is widened to this part of what there is.
 MIDDLE_PERCENT = (1.0, 99.0)
 
@@ -82,12 +83,14 @@ def measure_tracks(
     report = report.named("measurement")
     given = parameters or movie.parameters
     chosen = given.measurement
-    measured = gated_tracks(movie, movie.tracks(chosen.tracks) if tracks is None else tracks, given)
+    if tracks is None:
+        tracks = _named_tracks(movie, chosen, report.part(0.0, 0.05))
+    measured = gated_tracks(movie, tracks, given)
     fields, pair = fields_of(movie, chosen), correlated_fields(movie, chosen)
     regions = names_in(chosen.regions)
     for region in regions:
         movie.common.annotations.annotation(region)
-    measured = _with_speeds(movie, measured, chosen, report.part(0.0, 0.1))
+    measured = _with_speeds(movie, measured, chosen, report.part(0.05, 0.1))
     places = places_of(movie, measured, given, report.part(0.1, 0.25))
     wanted = tuple(dict.fromkeys((*fields, *pair)))
     sampled = sample(movie, places, wanted, given, report.part(0.25, 0.9), regions)
@@ -102,6 +105,13 @@ def measure_tracks(
         fields=wanted,
         correlated=pair,
     )
+
+
+def _named_tracks(movie: Movie, chosen: MeasurementParameters, progress: Progress) -> Tracks:
+    """Tracks that were kept, or places that do not move."""
+    if chosen.tracks == STILL and STILL not in movie.track_names:
+        return still_tracks(movie, chosen.places, progress)
+    return movie.tracks(chosen.tracks)
 
 
 def gated_tracks(movie: Movie, tracks: Tracks, parameters: Parameters) -> Tracks:
@@ -166,7 +176,7 @@ def _with_speeds(
 ) -> Tracks:
     """Tracks that know their speed along the surface, and along the plane of an annotation."""
     on_surface = np.isfinite(tracks.place_px).all() and len(tracks) > 0
-    if SPEED not in tracks.columns and on_surface:
+    if SPEED not in tracks.columns and on_surface and tracks.method != STILL:
         tracks = with_velocities(movie, tracks, progress)
     return with_lateral(tracks, annotated_plane(movie, chosen.plane)) if chosen.plane else tracks
 
@@ -226,19 +236,23 @@ class _Analysis:
             {**keys, **{name: values[rows, time] for name, values in self.series.items()}}
         )
 
+    @property
+    def event_series(self) -> str:
+        """The series whose peaks are events; regions have nothing that is on them."""
+        name: str = self.chosen.event_series
+        if self.places.kind == "region" and name == ON_AREA:
+            name = AREA
+        if name not in self.series:
+            hint = f"Set measurement.event_series to {AREA}."
+            raise InputError(f"The tracks have no {name}.", hint=hint)
+        return name
+
     @cached_property
     def events(self) -> dict[int, Events]:
         """The events of every track, within its life."""
-        chosen = self.chosen
-        if chosen.event_series not in self.series:
-            raise InputError(
-                f"The tracks have no {chosen.event_series}.",
-                hint=f"Set measurement.event_series to {AREA}.",
-            )
+        chosen, name = self.chosen, self.event_series
         found = {}
-        for track, values in zip(
-            self.tracks.ids.tolist(), self.series[chosen.event_series], strict=True
-        ):
+        for track, values in zip(self.tracks.ids.tolist(), self.series[name], strict=True):
             time = self.tracks.timepoint[self.tracks.rows_of(track)]
             course = self._course(values, int(time[0]), int(time[-1]))
             found[track] = find_events(
@@ -256,7 +270,8 @@ class _Analysis:
         Before its first and after its last timepoint a protrusion has neither area nor height;
         a box or a region has what lies there, which is not the track's.
         """
-        outside = 0.0 if self.places.kind == "protrusion" else np.nan
+        own = self.places.kind == "protrusion" and self.event_series != AREA
+        outside = 0.0 if own else np.nan
         course = np.full(len(values), outside)
         course[first : last + 1] = values[first : last + 1]
         return course
@@ -275,7 +290,10 @@ class _Analysis:
         if not self.pair:
             return None
         first, second = (self.series[name] for name in self.pair)
-        return cross_correlation(first, second, self.step_s, self.chosen.longest_lag_s)
+        found = cross_correlation(first, second, self.step_s, self.chosen.longest_lag_s)
+        # Protrusions come and go by themselves; neighbouring regions change together.
+        crowded = self.places.kind == "region" and self.tracks.rows > 0 and len(self.tracks)
+        return replace(found, groups=groups_of(self.tracks)) if crowded else found
 
     @cached_property
     def at_no_lag(self) -> Floats:

@@ -12,9 +12,11 @@ import numpy.typing as npt
 from ..charts import Floats, Ints, Tracks
 from ..charts.tracks import BOX
 from ..errors import InputError
+from ..geometry.padding import sample_uv_nearest
 from ..parameters import MeasurementParameters, Parameters
 from ..progress import Progress
 from ..tracking.boxes import Box, bounding_boxes
+from .still import pixel_lengths
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
@@ -83,17 +85,19 @@ def places_of(
             "The tracks lie on uv images of another size.", tracks=tracks.rows, movie=rows
         )
     label = _labels(tracks)
+    kind = "region" if label is None else "protrusion"
     if all(name in tracks.columns for name in BOX):
         corners = np.column_stack([tracks.columns[name] for name in BOX]).astype(np.float64)
-        kind = "box" if label is None else "protrusion"
+        if kind == "region" and SIDE not in tracks.columns:
+            kind = "box"
     elif label is not None:
-        corners, kind = _around_labels(movie, tracks, label, parameters, progress), "protrusion"
+        corners = _around_labels(movie, tracks, label, parameters, progress)
     else:
-        corners, kind = _squares(movie, tracks, parameters.measurement), "region"
+        corners = _squares(movie, tracks, parameters.measurement)
     if kind != "region":
         _fill_gaps(tracks, corners, rows)
     chosen = parameters.measurement
-    if chosen.place == "box" and kind == "protrusion":
+    if chosen.on == "curvature" and kind == "protrusion":
         kind = "box"
     found = Places(
         tracks.track_id,
@@ -103,7 +107,8 @@ def places_of(
         np.ones(len(tracks), bool),
         kind,
     )
-    beyond = int(np.floor(chosen.beyond_s / tracks.time_step_s + 1e-9))
+    # What flows on is somewhere else before and after its life.
+    beyond = int(np.floor(chosen.beyond_s / tracks.time_step_s + 1e-9)) * (kind != "region")
     return found if beyond == 0 else _lengthened(found, tracks, beyond)
 
 
@@ -146,21 +151,30 @@ def _by_timepoint(
 
 
 def _squares(movie: Movie, tracks: Tracks, chosen: MeasurementParameters) -> Floats:
-    """Squares (n, 4) around the (v, u) of the rows."""
+    """Boxes (n, 4) around the (v, u) of the rows: squares in pixels where they have a side.
+
+    Else they are as high and as wide on the common reference as the parameters say, also near
+    a pole, where that takes many columns.
+    """
     middle = tracks.place_px
-    if not np.isfinite(middle).any():
+    known = np.isfinite(middle).all(axis=1)
+    if not known.any():
         raise InputError(
             "The tracks have no place on the surface.",
             hint="Lay them on the surface when they are imported.",
         )
     if SIDE in tracks.columns:
-        side = np.asarray(tracks.columns[SIDE], np.float64)
+        side = np.maximum(np.rint(np.asarray(tracks.columns[SIDE], np.float64)), 1.0)
+        size = np.column_stack([side, side])
     else:
-        area = np.asarray(movie.common.uv.fields["area_um2"], np.float64)
-        side = np.full(len(tracks), chosen.region_um / np.sqrt(np.nanmean(area)))
-    half = np.maximum(np.rint(side), 1.0)[:, None]
-    low = np.rint(middle - (half - 1) / 2)
-    return np.column_stack([low, low + half])
+        lengths = np.stack(pixel_lengths(movie.common.uv.positions), axis=-1)
+        size = np.ones((len(tracks), 2))
+        length = sample_uv_nearest(lengths, middle[known])
+        size[known] = np.rint(chosen.region_um / np.maximum(length, 1e-9))
+        rows = len(lengths)
+        size = np.clip(size, 1.0, (2 * rows, 2 * rows))
+    low = np.rint(middle - (size - 1) / 2)
+    return np.column_stack([low, low + size])
 
 
 def _fill_gaps(tracks: Tracks, corners: Floats, rows: int) -> None:
