@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from ..motion.movie import Movie
 
 ALL = "all"
-AREA, HEIGHT = "area_um2", "height_max_um"
+AREA, ON_AREA, HEIGHT = "area_um2", "on_area_um2", "height_max_um"
 # The paper's range of mean curvatures is widened to this part of what there is.
 MIDDLE_PERCENT = (1.0, 99.0)
 
@@ -226,19 +226,23 @@ class _Analysis:
             {**keys, **{name: values[rows, time] for name, values in self.series.items()}}
         )
 
+    @property
+    def event_series(self) -> str:
+        """The series whose peaks are events; regions have nothing that is on them."""
+        name: str = self.chosen.event_series
+        if self.places.kind == "region" and name == ON_AREA:
+            name = AREA
+        if name not in self.series:
+            hint = f"Set measurement.event_series to {AREA}."
+            raise InputError(f"The tracks have no {name}.", hint=hint)
+        return name
+
     @cached_property
     def events(self) -> dict[int, Events]:
         """The events of every track, within its life."""
-        chosen = self.chosen
-        if chosen.event_series not in self.series:
-            raise InputError(
-                f"The tracks have no {chosen.event_series}.",
-                hint=f"Set measurement.event_series to {AREA}.",
-            )
+        chosen, name = self.chosen, self.event_series
         found = {}
-        for track, values in zip(
-            self.tracks.ids.tolist(), self.series[chosen.event_series], strict=True
-        ):
+        for track, values in zip(self.tracks.ids.tolist(), self.series[name], strict=True):
             time = self.tracks.timepoint[self.tracks.rows_of(track)]
             course = self._course(values, int(time[0]), int(time[-1]))
             found[track] = find_events(
@@ -256,7 +260,8 @@ class _Analysis:
         Before its first and after its last timepoint a protrusion has neither area nor height;
         a box or a region has what lies there, which is not the track's.
         """
-        outside = 0.0 if self.places.kind == "protrusion" else np.nan
+        own = self.places.kind == "protrusion" and self.event_series != AREA
+        outside = 0.0 if own else np.nan
         course = np.full(len(values), outside)
         course[first : last + 1] = values[first : last + 1]
         return course

@@ -83,17 +83,19 @@ def places_of(
             "The tracks lie on uv images of another size.", tracks=tracks.rows, movie=rows
         )
     label = _labels(tracks)
+    kind = "region" if label is None else "protrusion"
     if all(name in tracks.columns for name in BOX):
         corners = np.column_stack([tracks.columns[name] for name in BOX]).astype(np.float64)
-        kind = "box" if label is None else "protrusion"
+        if kind == "region" and SIDE not in tracks.columns:
+            kind = "box"
     elif label is not None:
-        corners, kind = _around_labels(movie, tracks, label, parameters, progress), "protrusion"
+        corners = _around_labels(movie, tracks, label, parameters, progress)
     else:
-        corners, kind = _squares(movie, tracks, parameters.measurement), "region"
+        corners = _squares(movie, tracks, parameters.measurement)
     if kind != "region":
         _fill_gaps(tracks, corners, rows)
     chosen = parameters.measurement
-    if chosen.place == "box" and kind == "protrusion":
+    if chosen.on == "curvature" and kind == "protrusion":
         kind = "box"
     found = Places(
         tracks.track_id,
@@ -103,7 +105,8 @@ def places_of(
         np.ones(len(tracks), bool),
         kind,
     )
-    beyond = int(np.floor(chosen.beyond_s / tracks.time_step_s + 1e-9))
+    # What flows on is somewhere else before and after its life.
+    beyond = int(np.floor(chosen.beyond_s / tracks.time_step_s + 1e-9)) * (kind != "region")
     return found if beyond == 0 else _lengthened(found, tracks, beyond)
 
 

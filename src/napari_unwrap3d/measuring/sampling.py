@@ -147,18 +147,12 @@ class TrackSums:
             return
         images = [frame.uv[name] for name in self.fields]
         sums = self._sums(frame, np.reshape(images, (-1, *frame.uv[AREA].shape)), rows)
-        if self.places.kind == "protrusion":
-            # The place of a protrusion is its own surface; without it (lost, or beyond its
-            # life) only the box is known.
-            known = self.places.label[rows] > 0
-            self._put("", sums, rows, 0, known)
-            self._put("on_", sums, rows, 0, known)
-            self._put("off_", sums, rows, 1, np.ones(len(rows), bool))
-            return
         everywhere = np.ones(len(rows), bool)
         self._put("", sums, rows, None, everywhere)
-        if self.places.kind == "box":
-            self._put("on_", sums, rows, 0, everywhere)
+        if self.places.kind != "region":
+            # Where a protrusion is lost, or has not begun, nothing is known of its own surface.
+            own = self.places.label[rows] > 0 if self.places.kind == "protrusion" else everywhere
+            self._put("on_", sums, rows, 0, own)
             self._put("off_", sums, rows, 1, everywhere)
 
     def _sums(self, frame: Frame, images: npt.NDArray[Any], rows: Ints) -> BoxSums:

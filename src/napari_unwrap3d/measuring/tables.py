@@ -148,5 +148,6 @@ def lifetime_edges(lifetimes_s: Floats, time_step_s: float) -> Floats:
     longest = int(np.rint(float(lifetimes_s.max(initial=time_step_s)) / time_step_s))
     step = max(int(np.ceil(longest / BINS_OF_LIFETIME)), 1)
     # Lives are whole numbers of timepoints: between those, no life lies on an edge.
-    edges: Floats = time_step_s * (0.5 + np.arange(0, longest + step, step))
+    edges: Floats = np.arange(0, longest + step, step, dtype=np.float64)
+    edges = (edges + 0.5) * time_step_s
     return edges

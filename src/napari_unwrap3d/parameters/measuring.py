@@ -24,12 +24,11 @@ class MeasurementParameters(StepParameters):
         "Fields whose mean over each track's place is taken, by name and separated by commas; "
         "all: the mean curvature and every signal.",
     )
-    place: Literal["protrusion", "box"] = setting(
+    on: Literal["protrusion", "curvature"] = setting(
         "protrusion",
-        "Place",
-        "protrusion: the series of a protrusion are those of its own surface, and off it is the "
-        "rest of the box around it; box: those of the box, in which the largest part that is bent "
-        "outwards is on the protrusion (the paper's way).",
+        "On a protrusion",
+        "What of the box around a protrusion is on it; the rest is off it. protrusion: its own "
+        "surface; curvature: the largest part of the box that is bent outwards (the paper's way).",
         source=SERIES,
     )
     region_um: Positive = setting(
@@ -40,10 +39,10 @@ class MeasurementParameters(StepParameters):
         unit="µm",
     )
     beyond_s: float = setting(
-        0.0,
+        12.0,
         "Beyond the life",
-        "For how long before its first and after its last timepoint the place of a track is "
-        "measured on.",
+        "For how long before its first and after its last timepoint the box of a protrusion is "
+        "measured on, where it was: a signal that follows later is seen only so.",
         unit="s",
         ge=0,
     )
@@ -63,8 +62,12 @@ class MeasurementParameters(StepParameters):
         gt=0,
         le=1,
     )
-    event_series: Literal["area_um2", "height_max_um"] = setting(
-        "area_um2", "Events of", "The series whose peaks are events.", source=EVENTS
+    event_series: Literal["on_area_um2", "area_um2", "height_max_um"] = setting(
+        "on_area_um2",
+        "Events of",
+        "The series whose peaks are events: the area on the protrusion (of regions, their own), "
+        "that of the whole box (the paper's way), or the height.",
+        source=EVENTS,
     )
     prominence: float = setting(
         0.5,
