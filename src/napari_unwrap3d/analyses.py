@@ -20,7 +20,7 @@ from .charts import Floats, Mask, Stack, Tracks
 from .errors import InputError, ParameterError
 from .parameters import Parameters
 from .progress import Progress
-from .tracking.edits import EDITED
+from .tracking.relations import EDITED
 
 if TYPE_CHECKING:
     from .measuring.measurements import Measurements
@@ -204,8 +204,8 @@ def run_analysis(
     ----------
     analysis : Analysis
     output : path
-        Gets ``movie`` (the unwrapped movie, with which an analysis that was stopped goes on),
-        ``tracks``, ``tables``, and ``report.html``.
+        Gets ``movie`` (the unwrapped movie, with which an analysis that was stopped goes on) and
+        what :func:`~napari_unwrap3d.files.measured.write_measured` writes.
     progress : Progress
     overwrite : bool
         Replace what an earlier analysis has written.

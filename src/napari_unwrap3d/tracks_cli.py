@@ -13,7 +13,7 @@ from .errors import InputError
 from .options import add_parameters, set_values
 from .parameters import Parameters
 from .progress import Progress
-from .tracking.edits import EDITED
+from .tracking.relations import EDITED
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -93,6 +93,13 @@ def _add_importing(track: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--farthest", type=float, metavar="UM", help="points farther from it are not laid on it"
+    )
+    group.add_argument(
+        "--world",
+        choices=("common", "stack"),
+        default="common",
+        help="where the file's places are: where the movie was registered, or where the stack was "
+        "recorded (default: common)",
     )
     group.add_argument(
         "--snap", action="store_true", help="move the points to the surface in space, too"
@@ -267,6 +274,7 @@ def _check_unedited(movie: Movie, name: str, overwrite: bool) -> None:
 def _imported(movie: Movie, arguments: argparse.Namespace, progress: Progress) -> Tracks:
     from .files.tracks import read_tracks
     from .tracking.laying import lay_tracks
+    from .tracking.recorded import in_common_world
 
     size = arguments.voxel_size
     found = read_tracks(
@@ -277,7 +285,7 @@ def _imported(movie: Movie, arguments: argparse.Namespace, progress: Progress) -
     )
     return lay_tracks(
         movie,
-        found,
+        in_common_world(movie, found) if arguments.world == "stack" else found,
         onto=arguments.onto,
         farthest_um=arguments.farthest,
         snap=arguments.snap,

@@ -264,8 +264,11 @@ def test_trackmate_files_have_the_elements_of_trackmate(tmp_path: Path) -> None:
     assert not single & set(tracks.track_id[list(linked)].tolist())
     # Numbers alone: TrackMate reads every attribute of a spot but its name as one.
     for spot in model.iter("Spot"):
+        assert set(spot.attrib) - {"ID", "name"} == declared["SpotFeatures"]
         values = [value for key, value in spot.attrib.items() if key != "name"]
-        assert np.isfinite([float(value) for value in values if value != "Infinity"]).all()
+        java = {"NaN", "Infinity"}
+        assert np.isfinite([float(value) for value in values if value not in java]).all()
+        assert java >= {value for value in values if not np.isfinite(float(value))}
 
 
 def test_an_independent_reader_finds_the_same_tracks(tmp_path: Path) -> None:

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
+import html
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..measuring.report import write_report
 from ..progress import Progress, silent
 from ..provenance import environment
 from .atomic import write_json, write_text
 from .export import files_below, replacing_folder
 from .tables import write_table
+from .track_pictures import draw_tracks
 from .tracks import write_tracks
 
 if TYPE_CHECKING:
     from ..measuring.measurements import Measurements
     from ..motion.movie import Movie
 
-TRACKS, TABLES, REPORT = "tracks", "tables", "report.html"
-NUMBERS, PARAMETERS, PROVENANCE = "numbers.json", "parameters.toml", "provenance.json"
-ENTRIES = (TRACKS, TABLES, REPORT, NUMBERS, PARAMETERS, PROVENANCE)
+TRACKS, INDEX, PROVENANCE = "tracks", "index.html", "provenance.json"
 # What an analysis that was stopped leaves behind, and goes on with.
 KEPT = ("movie",)
+TABLES = "tables"
+PICTURE = "Mean curvature on the unwrapped surface, with the tracks of {}."
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
@@ -52,24 +55,24 @@ def write_measured(
     report: bool = True,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Write tracks, tables, numbers and the report of what was measured.
+    """Write tracks, tables, numbers and reports of what was measured.
 
     Parameters
     ----------
     movie : Movie
     found : sequence of Measurements
     folder : path
-        ``tracks/NAME.*``, ``tables/NAME/*``, ``numbers.json``, ``parameters.toml``,
-        ``provenance.json`` and ``report.html``. Changed only when everything has been written;
-        what else is in it stays.
+        Gets ``tracks/NAME.*``, for everything measured ``NAME/`` with its report and tables, an
+        ``index.html`` that leads to the reports, and ``provenance.json``. It is changed only when
+        everything has been written; what else is in it stays.
     title : str
-        Of the report.
+        Of the reports.
     track_suffixes : sequence of str
         As of :func:`.tracks.write_tracks`.
     table_suffix : str
         ``.csv`` or ``.parquet``.
     report : bool
-        Whether the figures are drawn into ``report.html``.
+        Whether figures are drawn, too.
     progress : Progress, optional
 
     Returns
@@ -78,27 +81,46 @@ def write_measured(
     """
     told = progress or silent()
     named = dict(zip(entry_names(found), found, strict=True))
-    with replacing_folder(folder, ENTRIES) as partial:
+    written_before = (TRACKS, INDEX, PROVENANCE, *named)
+    with replacing_folder(folder, written_before) as partial:
         for index, (name, one) in enumerate(named.items()):
-            told(0.5 * index / len(named), f"writing {name}")
+            told(index / len(named), f"writing {name}")
             for suffix in track_suffixes:
                 own = one.parameters.measurement.tracks
                 write_tracks(partial / TRACKS / f"{name}{suffix}", one.tracks, movie, name=own)
-            for table, rows in one.tables.items():
-                if len(rows.columns):
-                    write_table(partial / TABLES / name / f"{table}{table_suffix}", rows)
-        write_json(partial / NUMBERS, {name: one.numbers for name, one in named.items()})
-        write_text(partial / PARAMETERS, movie.parameters.to_toml())
+            if report:
+                heading = f"{title or movie.name}: {name}"
+                pictures = {PICTURE.format(name): draw_tracks(movie, one.tracks)}
+                write_report(one, partial / name, title=heading, pictures=pictures)
+            _write_tables(one, partial / name / TABLES, table_suffix)
         write_json(partial / PROVENANCE, provenance_of(movie, named))
-        if report and named:
-            from ..measuring.report import write_report
-
-            write_report(
-                partial / REPORT, list(named.values()), title=title, progress=told.part(0.5, 1.0)
-            )
+        if report:
+            write_text(partial / INDEX, _index(title or movie.name, named))
         written = files_below(partial)
     told(1.0, "written")
     return [Path(folder) / path for path in written]
+
+
+def _write_tables(one: Measurements, folder: Path, suffix: str) -> None:
+    for table, rows in one.tables.items():
+        path = folder / f"{table}{suffix}"
+        if len(rows.columns) and not path.exists():
+            write_table(path, rows)
+
+
+def _index(title: str, named: Mapping[str, Measurements]) -> str:
+    """A page that leads to the reports."""
+    items = "".join(
+        f'<li><a href="{html.escape(name)}/report.html">{html.escape(name)}</a>: '
+        f"{len(one.tracks.ids)} tracks</li>"
+        for name, one in named.items()
+    )
+    heading = html.escape(title)
+    return (
+        '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
+        f"<title>{heading}</title></head><body>\n<h1>{heading}</h1>\n<ul>{items}</ul>\n"
+        "</body></html>\n"
+    )
 
 
 def entry_names(found: Sequence[Measurements]) -> list[str]:

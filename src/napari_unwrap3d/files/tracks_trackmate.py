@@ -223,22 +223,20 @@ def _add_spots(
     for timepoint in np.unique(tracks.timepoint).tolist():
         frame = ET.SubElement(spots, "SpotsInFrame", frame=str(timepoint))
         for row in np.flatnonzero(tracks.timepoint == timepoint).tolist():
-            there = {
-                name: text for name, text in zip(names, rows[row], strict=True) if text is not None
-            }
+            there = dict(zip(names, rows[row], strict=True))
             ET.SubElement(frame, "Spot", {"ID": str(row), "name": f"ID{row}", **there})
 
 
-def _texts(values: npt.NDArray[Any]) -> list[str | None]:
-    """Numbers as Java reads them; None for NaN: a spot does not have that feature."""
+def _texts(values: npt.NDArray[Any]) -> list[str]:
+    """Numbers as Java reads them, and as TrackMate writes them: also NaN."""
     if values.dtype.kind in "iub":
         return [str(int(value)) for value in values.tolist()]
     return [_text(value) for value in values.astype(np.float64).tolist()]
 
 
-def _text(value: float) -> str | None:
+def _text(value: float) -> str:
     if math.isnan(value):
-        return None
+        return "NaN"
     if math.isinf(value):
         return "Infinity" if value > 0 else "-Infinity"
     return repr(value)
@@ -271,8 +269,7 @@ def _add_tracks(model: ET.Element, tracks: Tracks) -> None:
         attributes = {key: str(_plain(value)) for key, value in told.items()}
         track = ET.SubElement(edges, "Track", {"name": f"Track_{index}", **attributes})
         for edge in mine.tolist():
-            there = {name: text[edge] for name, text in texts.items()}
-            ET.SubElement(track, "Edge", {k: v for k, v in there.items() if v is not None})
+            ET.SubElement(track, "Edge", {name: text[edge] for name, text in texts.items()})
     filtered = ET.SubElement(model, "FilteredTracks")
     for index in range(len(chosen)):
         ET.SubElement(filtered, "TrackID", TRACK_ID=str(index))
