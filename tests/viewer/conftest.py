@@ -227,6 +227,12 @@ def movie_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def movie_copy(movie_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the movie, which may be changed."""
+    return Path(shutil.copytree(movie_folder, tmp_path / "movie"))
+
+
+@pytest.fixture
 def projector(make_napari_viewer: Any, movie_folder: Path, tmp_path: Path, qtbot: Any) -> Projector:
     """A window that shows a copy of the movie."""
     folder = shutil.copytree(movie_folder, tmp_path / "movie")

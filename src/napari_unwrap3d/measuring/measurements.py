@@ -25,10 +25,11 @@ class Measurements:
     tables : mapping of str to DataFrame
         By name, with units in the names of their columns; a table is there also if it is empty.
 
-        ``series``: a row per track and timepoint of its life: ``track_id``, ``timepoint``,
-        ``time_s``, ``area_um2`` of the surface at the track's place, ``area_px`` of its pixels in
-        uv, the distortion-corrected mean of every field under its own name, and of tracks of
-        protrusions the same on and off it: ``on_area_um2``, ``on_<field>``, ``off_<field>``.
+        ``series``: a row per track and timepoint of its life (or beyond it, where ``alive`` is
+        False): ``track_id``, ``timepoint``, ``time_s``, ``area_um2`` of the surface at the
+        track's place, ``area_px`` of its pixels in uv, the distortion-corrected mean of every
+        field under its own name; and, of boxes and boxes around protrusions, the same of what is
+        on the protrusion and what is off it: ``on_area_um2``, ``on_<field>``, ``off_<field>``.
         ``tracks``: a row per track: as :attr:`Tracks.track_table`, with ``events``,
         ``series_<column>``: the mean of each series, ``correlation`` of the two correlated
         fields at lag 0, and ``speed_um_per_min``.

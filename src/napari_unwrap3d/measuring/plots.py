@@ -44,6 +44,7 @@ PICK_POINTS = 4.0
 # So many single curves are drawn where nothing is selected; the others are in the mean.
 MOST_CURVES = 200
 KEYS = ("track_id", "timepoint", "time_s")
+NOT_DRAWN = (*KEYS, "alive")
 OFF_COLOURS = {"": LINE, "on": LINE, "off": OTHER}
 
 
@@ -51,7 +52,7 @@ OFF_COLOURS = {"": LINE, "on": LINE, "off": OTHER}
 
 
 def _series_columns(measurements: Measurements) -> tuple[str, ...]:
-    return tuple(c for c in measurements.table("series").columns if c not in KEYS)
+    return tuple(c for c in measurements.table("series").columns if c not in NOT_DRAWN)
 
 
 def _chosen(measurements: Measurements, choice: str) -> str:

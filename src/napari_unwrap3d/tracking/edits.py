@@ -15,12 +15,11 @@ from ..annotations.history import History
 from ..charts import Floats, Ints, Tracks
 from ..charts.tracks import BOX, PLACE, SPACE, TIMEPOINT, TRACK
 from ..errors import InputError, ParameterError
-from .relations import exchanged, possible, renamed, spans
+from .relations import EDITED, exchanged, possible, renamed, spans
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
 
-EDITED = "edited"
 MOVED = "moved"
 Columns = dict[str, npt.NDArray[Any]]
 

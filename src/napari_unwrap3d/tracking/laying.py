@@ -25,7 +25,7 @@ DISTANCE = "off_surface_um"
 Onto = Literal["surface", "common"]
 
 
-def lay(
+def lay_tracks(
     movie: Movie,
     tracks: Tracks,
     *,
@@ -34,10 +34,12 @@ def lay(
     snap: bool = False,
     progress: Progress | None = None,
 ) -> Tracks:
-    """Lay tracks that are known in space on the unwrapped surface of a movie.
+    """Lay tracks that were made elsewhere on the unwrapped surface of a movie.
 
     Every point gets the (v, u) of the nearest place of its timepoint's surface (where that has
-    left the shell, of the common reference), and ``off_surface_um``, how far it is from it.
+    left the shell, of the common reference), and ``off_surface_um``, how far it is from it. Points
+    of which only the (v, u) are known get their place in space: where the surface lies outermost
+    over them.
 
     Parameters
     ----------
@@ -45,7 +47,8 @@ def lay(
     tracks : Tracks
         In the common world of the movie: where it was registered, so must the tracks be.
     onto : {"surface", "common"}
-        The surface of every timepoint, or the common reference surface.
+        The surface of every timepoint, or the common reference surface (also where a timepoint
+        of the movie could not be made).
     farthest_um : float, optional
         Points that are farther away have no (v, u); any unless given.
     snap : bool
@@ -55,27 +58,26 @@ def lay(
     Raises
     ------
     ParameterError
-        The movie has fewer timepoints than the tracks, or is of another time step.
+        The movie has fewer timepoints than the tracks, or another time step.
     """
     report = progress or silent()
-    last = int(tracks.timepoint.max(initial=-1))
-    if last >= len(movie):
-        raise ParameterError(
-            "The tracks go on after the end of the movie.", last=last, timepoints=len(movie)
-        )
-    if onto not in ("surface", "common"):
-        raise ParameterError(f"Tracks cannot be laid onto {onto!r}.", hint="surface or common.")
-    place = np.full((len(tracks), 2), np.nan)
+    _check(movie, tracks, onto)
+    place, position = tracks.place_px, tracks.position_um
     distance = np.full(len(tracks), np.nan)
-    position = tracks.position_um.copy()
+    given = np.isfinite(position).all(axis=1)
+    place[given] = np.nan
     times = np.unique(tracks.timepoint)
     for done, timepoint in enumerate(times.tolist()):
         report(done / len(times), f"timepoint {timepoint}")
-        rows = np.flatnonzero(tracks.timepoint == timepoint)
-        rows = rows[np.isfinite(position[rows]).all(axis=1)]
+        here = tracks.timepoint == timepoint
+        on = "common" if movie.is_lost(timepoint) else onto
+        above = np.flatnonzero(here & ~given & np.isfinite(place).all(axis=1))
+        if len(above):
+            position[above] = _over(movie, timepoint, place[above], on)
+            distance[above] = 0.0
+        rows = np.flatnonzero(here & given)
         if len(rows) == 0:
             continue
-        on = "common" if movie.is_lost(timepoint) else onto
         found, nearest, away = _nearest(movie, timepoint, position[rows], on)
         near = np.ones(len(rows), bool) if farthest_um is None else away <= farthest_um
         place[rows[near]] = found[near]
@@ -83,9 +85,8 @@ def lay(
         if snap:
             position[rows[near]] = nearest[near]
     report(1.0, "laid on the surface")
-    columns = dict(zip(PLACE, place.T, strict=True)) | {DISTANCE: distance}
-    if snap:
-        columns |= dict(zip(SPACE, position.T, strict=True))
+    columns = dict(zip((*SPACE, *PLACE), np.column_stack([position, place]).T, strict=True))
+    columns[DISTANCE] = distance
     numbers = {"laid_onto": onto, "farthest_um": farthest_um, "snapped": snap}
     numbers |= {
         "off_surface_um_mean": _mean(distance),
@@ -124,12 +125,35 @@ def position_of(movie: Movie, timepoint: int, places: npt.ArrayLike) -> Floats:
 
     Where none lies over a pixel, the place on the common reference.
     """
-    vu = np.asarray(places, np.float64)
+    return _over(movie, timepoint, np.asarray(places, np.float64), "surface")
+
+
+def _check(movie: Movie, tracks: Tracks, onto: str) -> None:
+    last = int(tracks.timepoint.max(initial=-1))
+    if last >= len(movie):
+        raise ParameterError(
+            "The tracks go on after the end of the movie.", last=last, timepoints=len(movie)
+        )
+    if not np.isclose(tracks.time_step_s, movie.time_step_s, rtol=0.01):
+        raise ParameterError(
+            "The tracks and the movie have different time steps.",
+            tracks_s=tracks.time_step_s,
+            movie_s=movie.time_step_s,
+            hint="Read them with the time step of the movie, if they are of it.",
+        )
+    if onto not in ("surface", "common"):
+        raise ParameterError(f"Tracks cannot be laid onto {onto!r}.", hint="surface or common.")
+
+
+def _over(movie: Movie, timepoint: int, vu: Floats, onto: Onto) -> Floats:
+    """Places (n, 3) in µm over (v, u): on the surface, or on the common reference."""
+    reference, _ = movie.common.map(vu, "uv", "reference")
+    if onto == "common":
+        return reference
     height = sample_uv_nearest(movie.frame(timepoint).uv[HEIGHT], vu).astype(np.float64)
     known = np.isfinite(height)
     dvu = np.column_stack([np.where(known, height, 0.0), vu])
     world, valid = topography_to_world(movie.common.topography, dvu)
-    reference, _ = movie.common.map(vu, "uv", "reference")
     position: Floats = np.where((known & valid)[:, None], world, reference)
     return position
 

@@ -11,6 +11,8 @@ from ..charts import Ints, Tracks
 
 Spans = Mapping[int, tuple[int, int]]
 NEVER = (-1, -1)
+# The method of tracks that a person has edited.
+EDITED = "edited"
 
 
 def spans(track: Ints, timepoint: Ints) -> dict[int, tuple[int, int]]:

@@ -7,7 +7,7 @@ measured. After every stroke it is found out anew, in a thread.
 from __future__ import annotations
 
 import weakref
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from qtpy.QtCore import QEvent, QObject, Signal
 
@@ -23,12 +23,11 @@ from .turns import soon
 if TYPE_CHECKING:
     from ..annotations import Annotations
     from ..motion.movie import Movie
+    from ..parameters import Parameters
 
 # After the last change, so that a stroke does not wait for it.
 REST_MS = 150
 CLOSE_SECONDS = 5.0
-Side = Literal["inside", "outside"]
-WHERE: tuple[Side, Side] = ("inside", "outside")
 
 
 class TrackGate(QObject):
@@ -125,7 +124,7 @@ class TrackGate(QObject):
 
     def _compute(self) -> None:
         movie, tracks = self.movies.movie, self.tracks.tracks
-        inside, outside, share = self.chosen
+        inside, outside, _ = self.chosen
         if self._closed:
             return
         if movie is None or tracks is None or not (inside or outside):
@@ -133,7 +132,7 @@ class TrackGate(QObject):
         elif self._task is not None:
             self._again = True
         else:
-            self._task = Task(_gated, movie, tracks, inside, outside, share)
+            self._task = Task(_gated, movie, tracks, self.session.parameters)
             self._task.returned.connect(self._on_gated)
             self._task.failed.connect(self._on_failed)
             self._task.start()
@@ -187,17 +186,11 @@ def _signals(annotations: Annotations) -> tuple[Any, ...]:
     return annotations.changed, annotations.listed, annotations.times.edited
 
 
-def _gated(
-    movie: Movie, tracks: Tracks, inside: str, outside: str, share: float
-) -> tuple[Tracks, frozenset[int]]:
+def _gated(movie: Movie, tracks: Tracks, parameters: Parameters) -> tuple[Tracks, frozenset[int]]:
     """In a thread."""
-    from ..tracking.gating import gated
+    from ..measuring.analysis import gated_tracks
 
-    kept = set(tracks.ids.tolist())
-    for side, name in zip(WHERE, (inside, outside), strict=True):
-        if name:
-            kept &= set(gated(movie, tracks, name, side=side, share=share).tolist())
-    return tracks, frozenset(kept)
+    return tracks, frozenset(gated_tracks(movie, tracks, parameters).ids.tolist())
 
 
 _GATES: PerViewer[TrackGate] = PerViewer(TrackGate, lambda viewer, gate: None)

@@ -27,7 +27,7 @@ from .track_files import (
     ask_export,
     ask_file,
     ask_folder,
-    ask_name,
+    ask_how,
     export_tracks,
     import_tracks,
 )
@@ -151,9 +151,9 @@ class TracksPanel(QWidget):
 
     def _on_import(self, ask: Callable[[QWidget], Path | None]) -> None:
         path = ask(self)
-        name = None if path is None else ask_name(self, self.run, path)
-        if path is not None and name:
-            import_tracks(self.run, path, name)
+        wanted = None if path is None else ask_how(self, self.run, path)
+        if wanted is not None:
+            import_tracks(self.run, wanted)
 
     def _on_export(self) -> None:
         path = ask_export(self, self.run)

@@ -116,6 +116,10 @@ class TrackPlotsDock(Docked):
         self.status = QLabel()
         self.status.setWordWrap(True)
         self.status.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.message = QLabel()
+        self.message.setWordWrap(True)
+        self.message.setTextInteractionFlags(Qt.TextInteractionFlag.TextSelectableByMouse)
+        self.message.hide()
         self.status.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
 
     def _arrange(self) -> None:
@@ -132,9 +136,10 @@ class TrackPlotsDock(Docked):
         column.addWidget(self.stale)
         column.addWidget(self.pages, 1)
         column.addWidget(self.status)
+        column.addWidget(self.message)
 
     def _connect(self) -> None:
-        self.kind_box.currentIndexChanged.connect(self._show)
+        self.kind_box.currentIndexChanged.connect(self._on_kind)
         self.choice_box.activated.connect(self._on_choice)
         self.measure_button.clicked.connect(self._on_measure)
         self.automatic.toggled.connect(self._on_automatic)
@@ -171,6 +176,10 @@ class TrackPlotsDock(Docked):
             self.run.cancel()
         else:
             self.measure()
+
+    def _on_kind(self, _: int) -> None:
+        self._say("")
+        self._show()
 
     def _on_choice(self, _: int) -> None:
         self._choices[self.kind] = self.choice
@@ -223,7 +232,12 @@ class TrackPlotsDock(Docked):
             tell(error)
 
     def _on_written(self, path: Path) -> None:
-        self.status.setText(f"Written to {path}")
+        self._say(f"Written to {path}")
+
+    def _say(self, message: str) -> None:
+        """What was done; until something else is looked at."""
+        self.message.setText(message)
+        self.message.setVisible(bool(message))
 
     # What is shown ----------------------------------------------------------------------
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -159,7 +159,8 @@ class TrackRun(QObject):
         movie, tracks, reason = self.movie, self.tracks.shown, self.blocked(work)
         if movie is None or reason:
             raise Unwrap3DError("There is nothing to run on.", hint=reason)
-        function = partial(_worked, work, movie, tracks, self.parameters)
+        edited = self.tracks.tracks if self.tracks.name == work else None
+        function = partial(_worked, work, movie, tracks, edited, self.parameters)
         chosen = self._chosen(work)
         self._begin(work, function, partial(self._on_worked, work, chosen, tracks))
 
@@ -280,11 +281,14 @@ def _worked(
     work: Work,
     movie: Movie,
     tracks: Tracks | None,
+    edited: Tracks | None,
     parameters: Parameters,
     progress: Progress,
 ) -> Tracks | Measurements:
     """In a thread; what it needs takes long to import."""
     with apart():
+        if work != "measure":
+            _set_aside(movie, work, edited)
         if work == "measure":
             from ..measuring.analysis import measure_tracks
 
@@ -296,6 +300,24 @@ def _worked(
         from ..tracking.objects import track_protrusions
 
         return track_protrusions(movie, parameters, progress)
+
+
+def _set_aside(movie: Movie, name: str, shown: Tracks | None) -> None:
+    """Tracks that a person edited are not lost when they are made anew: they get another name."""
+    from ..tracking.edits import EDITED
+
+    names = movie.track_names
+    before = movie.tracks(name) if shown is None and name in names else shown
+    if before is not None and before.method == EDITED:
+        movie.keep_tracks(free_name(f"{name} edited", names), before)
+
+
+def free_name(stem: str, taken: Collection[str]) -> str:
+    """A name that no tracks of the movie have."""
+    name, number = stem, 2
+    while name in taken:
+        name, number = f"{stem} {number}", number + 1
+    return name
 
 
 def counted(count: int, noun: str) -> str:

@@ -360,10 +360,12 @@ def _rows_of_numbers(numbers: Mapping[str, Any]) -> list[tuple[str, str]]:
     return [
         spoken(name, float(value))
         for name, value in numbers.items()
-        if isinstance(value, int | float) and not isinstance(value, bool)
+        if name not in SAID and isinstance(value, int | float) and not isinstance(value, bool)
     ]
 
 
+# Of the tracks themselves, which are said before.
+SAID = ("tracks", "mean_lifetime_s", "median_lifetime_s")
 UNITS = {
     "_um_per_min": "µm/min",
     "_per_um": "1/µm",
