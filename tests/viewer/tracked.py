@@ -19,6 +19,7 @@ from viewer.playing import Projector
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
 CONTROL = Qt.KeyboardModifier.ControlModifier
+SHOWN, OTHER = "protrusions", "other"
 STEP = 0.06
 
 
@@ -56,19 +57,37 @@ def wandering(movie: Movie, count: int = 12, seed: int = 0) -> Tracks:
 
 
 class Tracked(Projector):
-    """A window that shows a movie and its tracks."""
+    """A window that shows a movie and the tracks that were kept with it."""
 
-    def __init__(self, viewer: Any, movie: Movie, qtbot: Any, tracks: Tracks | None = None) -> None:
+    def __init__(self, viewer: Any, movie: Movie, qtbot: Any) -> None:
         super().__init__(viewer, movie, qtbot)
         self.tracking: TracksSession = tracks_session_of(viewer)
-        self.wait(lambda: self.tracking._reading is None)
-        self.tracks = wandering(movie) if tracks is None else tracks
-        self.tracking.set_tracks("wandering", self.tracks)
+        self.wait(lambda: self.tracking.tracks is not None)
+        self.tracks: Tracks = self.tracking.tracks
         self.drawn()
 
     @property
     def lines(self) -> TrackLayers:
         return self.tracking.findChild(TrackLayers)
+
+    def heads(self, chart: str) -> dict[int, Any]:
+        """Where the heads are that are shown on a chart, by track."""
+        layer = self.lines.heads.layer(chart)
+        assert layer is not None
+        return dict(zip(layer.features["track"].tolist(), layer.data, strict=True))
+
+    def there(self, timepoint: int) -> set[int]:
+        """The tracks that are shown and somewhere at a timepoint."""
+        shown = self.tracking.shown
+        assert shown is not None
+        return set(shown.track_id[shown.timepoint == timepoint].tolist())
+
+    def row(self, track: int, timepoint: int) -> int:
+        """Of the tracks as they are now."""
+        tracks = self.tracking.tracks
+        assert tracks is not None
+        rows = tracks.rows_of(track)
+        return rows.start + int(np.searchsorted(tracks.timepoint[rows], timepoint))
 
     def drawn(self) -> None:
         """Wait until the tracks are shown as they are."""

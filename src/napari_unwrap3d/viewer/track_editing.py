@@ -12,6 +12,7 @@ from ..errors import Unwrap3DError
 from ..motion.movie import Movie
 from ..tracking.edits import TrackEdits
 from ..tracking.laying import place_of, position_of
+from .instance_look import look_towards
 from .threads import Task, tell
 
 if TYPE_CHECKING:
@@ -49,7 +50,7 @@ class TrackEditing(QObject):
     # What can be done -------------------------------------------------------------
 
     def can(self, what: str) -> bool:
-        """Whether "cut", "join", "relink", "delete", "undo" or "redo" is possible now."""
+        """Whether "cut", "join", "relink", "delete", "undo", "redo" or "show" is possible now."""
         edits, chosen = self._session.edits, self._session.selection
         if edits is None or self.busy:
             return False
@@ -116,6 +117,18 @@ class TrackEditing(QObject):
             return []
 
         self._edit(delete)
+
+    def show(self) -> None:
+        """Go to where and when the first selected track is there, and turn the cell to it."""
+        session = self._session
+        tracks, viewer = session.shown, session.viewer
+        if tracks is None or viewer is None:
+            return
+        rows = tracks.rows_of(min(session.selection))
+        times = tracks.timepoint[rows]
+        nearest = int(np.argmin(np.abs(times - session.timepoint)))
+        session.movies.set_timepoint(int(times[nearest]))
+        look_towards(viewer, tracks.position_um[rows][nearest])
 
     def undo(self) -> None:
         """Take back the last edit."""

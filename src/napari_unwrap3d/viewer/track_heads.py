@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import weakref
 from contextlib import ExitStack
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -23,9 +24,10 @@ if TYPE_CHECKING:
 
 NAME = "track heads"
 IN_SPACE, ON_UV = "surface", "uv"
-SIZE_SHARE = 0.035
+SIZE_SHARE = 0.045
 PIXELS_WIDE, ROWS = 9.0, 512
-RIM, RIM_SELECTED = "#202020", "#ffffff"
+RIM, RIM_SELECTED = (0.12, 0.12, 0.12, 1.0), (1.0, 1.0, 1.0, 1.0)
+LEAST_RIM = 0.35
 
 
 class TrackHeads(QObject):
@@ -47,6 +49,8 @@ class TrackHeads(QObject):
         self._viewer = weakref.ref(viewer)
         self._session, self._lines = session, layers
         self._layers: dict[str, Points] = {}
+        self._following: dict[str, Any] = {}
+        self._dragged: Points | None = None
         self._syncing = False
         session.movies.frame_changed.connect(self.update)
         viewer.dims.events.point.connect(self._on_point)
@@ -73,7 +77,8 @@ class TrackHeads(QObject):
             return
         layer = self._layers[chart] = self._made(viewer, chart)
         layer.events.data.connect(self._on_data)
-        layer.selected_data.events.items_changed.connect(self._on_selected)
+        follow = self._following[chart] = partial(self._on_selected, chart)
+        layer.selected_data.events.items_changed.connect(follow)
         model = viewer if chart == IN_SPACE else canvas_of(viewer).model
         active = model.layers.selection.active
         with undisturbed(model):
@@ -117,6 +122,8 @@ class TrackHeads(QObject):
         if tracks is not None and colours is not None:
             painted = colours.rows(self._session.selection)
         for chart, layer in self._layers.items():
+            if layer is self._dragged:
+                continue
             rows = self.rows(chart)
             self._fill(layer, chart, tracks, rows, None if painted is None else painted[rows])
 
@@ -129,6 +136,8 @@ class TrackHeads(QObject):
         colours: npt.NDArray[Any] | None,
     ) -> None:
         self._syncing = True
+        # Who drags a head has selected it.
+        held = _selected(layer)
         try:
             layer.selected_data.clear()
             with ExitStack() as blocked:
@@ -139,6 +148,8 @@ class TrackHeads(QObject):
                 self._put(layer, chart, tracks, rows, colours)
                 # napari selects what is new, and draws a box over it.
                 layer.selected_data.clear()
+            ids = [] if tracks is None else tracks.track_id[rows].tolist()
+            layer.selected_data = {place for place, track in enumerate(ids) if track in held}
             layer.refresh(extent=False)
         finally:
             self._syncing = False
@@ -159,7 +170,7 @@ class TrackHeads(QObject):
         # One that is hidden would look for texts of points that are gone.
         layer.set_view_slice()
         layer.face_color = colours
-        layer.border_color = np.where(chosen[:, None], *_rims())
+        layer.border_color = _rims(chosen, colours[:, 3])
         layer.features = self._features(tracks, rows, chosen, chart)
 
     def _features(
@@ -181,19 +192,18 @@ class TrackHeads(QObject):
         if self._session.movies.movie is None:
             self.update()
 
-    def _on_selected(self, event: Any) -> None:
-        if self._syncing:
-            return
-        for layer in self._layers.values():
-            if layer.selected_data is event.source or event.source is layer:
-                ids = np.asarray(layer.features["track"], np.int64)
-                self._session.select(ids[i] for i in layer.selected_data if i < len(ids))
-                return
+    def _on_selected(self, chart: str, *_: Any) -> None:
+        """A person selected heads with napari's own tool."""
+        if not self._syncing:
+            self._session.select(_selected(self._layers[chart]))
 
     def _on_data(self, event: Any) -> None:
         """A person moved or deleted heads."""
         action = str(getattr(event, "action", ""))
-        if self._syncing or not action.endswith("ed"):
+        if self._syncing:
+            return
+        self._dragged = event.source if action.endswith("changing") else None
+        if not action.endswith("ed"):
             return
         chart = next((c for c, layer in self._layers.items() if layer is event.source), None)
         tracks = self._session.tracks
@@ -225,7 +235,7 @@ class TrackHeads(QObject):
     def _forget(self, chart: str) -> Points:
         layer = self._layers.pop(chart)
         layer.events.data.disconnect(self._on_data)
-        layer.selected_data.events.items_changed.disconnect(self._on_selected)
+        layer.selected_data.events.items_changed.disconnect(self._following.pop(chart))
         self._lines.far_side.remove(layer)
         return layer
 
@@ -248,14 +258,21 @@ class TrackHeads(QObject):
             viewer.layers.events.removed.disconnect(self._on_removed)
 
 
+def _selected(layer: Points) -> set[int]:
+    """The tracks of the heads that are selected in napari's own way."""
+    ids = layer.features["track"].tolist()
+    return {int(ids[place]) for place in layer.selected_data if place < len(ids)}
+
+
 def _places(tracks: Tracks, chart: str) -> Floats:
     return tracks.position_um if chart == IN_SPACE else tracks.place_px
 
 
-def _rims() -> tuple[Floats, Floats]:
-    from napari.utils.colormaps.standardize_color import transform_color
-
-    return transform_color(RIM_SELECTED), transform_color(RIM)
+def _rims(chosen: npt.NDArray[np.bool_], strength: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """White around what is selected, dark and as strong as the others around those."""
+    colours = np.where(chosen[:, None], RIM_SELECTED, RIM)
+    colours[:, 3] = np.maximum(strength, LEAST_RIM)
+    return colours
 
 
 def _size_of_cell(viewer: Any) -> float:

@@ -158,31 +158,36 @@ class TracksSession(QObject):
         self.tracks, self.measurements = tracks, None
         if tracks is not None and self.column not in ("", *colour_columns(tracks)):
             self.column = ""
-        self._show()
+        fewer = self._show()
         self.tracks_changed.emit()
-        self._tell_shown()
+        self._tell_shown(fewer)
         self.measured.emit()
 
-    def _show(self) -> None:
-        """Apply the gate."""
+    def _show(self) -> bool:
+        """Apply the gate; whether some of what was selected is not there any more."""
         tracks, gate = self.tracks, self.gate
         if tracks is None or gate is None or gate.issuperset(tracks.ids.tolist()):
             self.shown = tracks
         else:
             self.shown = tracks.kept(gate)
         self._colours = self._of_tracks = None
+        before, self.selection = self.selection, self.selection & self._there()
+        return self.selection != before
 
-    def _tell_shown(self) -> None:
+    def _tell_shown(self, fewer: bool) -> None:
         self.shown_changed.emit()
-        self.select(self.selection)
+        if fewer:
+            self.selection_changed.emit()
+
+    def _there(self) -> frozenset[int]:
+        return frozenset() if self.shown is None else frozenset(self.shown.ids.tolist())
 
     def set_gate(self, ids: Iterable[int] | None) -> None:
         """Show only these tracks; None shows all."""
         gate = None if ids is None else frozenset(int(track) for track in ids)
         if gate != self.gate:
             self.gate = gate
-            self._show()
-            self._tell_shown()
+            self._tell_shown(self._show())
 
     def set_measurements(self, measurements: Measurements | None) -> None:
         """These were measured of what is shown."""
@@ -193,8 +198,7 @@ class TracksSession(QObject):
 
     def select(self, ids: Iterable[int]) -> None:
         """Select these tracks, of those that are shown, and no others."""
-        there = frozenset() if self.shown is None else frozenset(self.shown.ids.tolist())
-        chosen = frozenset(int(track) for track in ids) & there
+        chosen = frozenset(int(track) for track in ids) & self._there()
         if chosen != self.selection:
             self.selection = chosen
             self.selection_changed.emit()
