@@ -13,14 +13,17 @@ from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QFileDialog
 
-from napari_unwrap3d import load_movie, read_tracks
+from napari_unwrap3d import Movie, load_movie, read_tracks
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.tracking import objects
 from napari_unwrap3d.viewer import track_panel
 from napari_unwrap3d.viewer.track_files import ImportDialog
+from napari_unwrap3d.viewer.track_layers import TrackLayers
 from napari_unwrap3d.viewer.track_panel import TracksDock, TracksPanel
 from napari_unwrap3d.viewer.track_run import CANCELLED, NO_MOVIE
+from napari_unwrap3d.viewer.tracks_session import tracks_session_of
 from napari_unwrap3d.viewer.wizard import Wizard
+from viewer.playing import Projector
 from viewer.tracked import Tracked, wandering
 
 LEFT = Qt.MouseButton.LeftButton
@@ -28,8 +31,16 @@ DONE, STALE, READY, FAILED = "●", "◐", "○", "✕"
 
 
 @pytest.fixture
-def window(make_napari_viewer: Any, movie_copy: Path, qtbot: Any) -> Tracked:
-    return Tracked(make_napari_viewer(show=True), load_movie(movie_copy), qtbot)
+def movie(movie_copy: Path) -> Movie:
+    """A movie with tracks from elsewhere."""
+    movie = load_movie(movie_copy)
+    movie.keep_tracks("wandering", wandering(movie))
+    return movie
+
+
+@pytest.fixture
+def window(make_napari_viewer: Any, movie: Movie, qtbot: Any) -> Tracked:
+    return Tracked(make_napari_viewer(show=True), movie, qtbot)
 
 
 @pytest.fixture
@@ -129,7 +140,9 @@ def test_protrusions_are_followed_with_the_parameters_of_the_form(
     window.tracking.edits.delete(4)
     press(section.run_button)
     settle(window, panel)
-    window.wait(lambda: set(window.tracking.names) == {"protrusions", "protrusions edited"})
+    window.wait(
+        lambda: set(window.tracking.names) == {"protrusions", "protrusions edited", "wandering"}
+    )
     assert 4 in window.tracking.tracks.ids
     assert 4 not in window.movie.tracks("protrusions edited").ids
     # Other parameters: it belongs to those before.
@@ -264,18 +277,18 @@ def test_the_wizard_has_a_page_for_the_tracks_of_a_movie(
     assert not wizard.pages.isTabVisible(index)
     assert wizard.tracks.message.text() == NO_MOVIE
     assert not wizard.tracks.sections["protrusions"].run_button.isEnabled()
-    window = Tracked(viewer, load_movie(movie_copy), qtbot)
-    # The slider over t that comes with tracks does not turn back the time.
-    window.go_to(3)
-    window.tracking.set_tracks("", None)
-    window.drawn()
-    window.tracking.set_tracks("again", window.tracks)
-    window.drawn()
-    assert window.session.wanted == window.session.timepoint == 3
-    assert viewer.dims.current_step[0] == 3
+    window = Projector(viewer, load_movie(movie_copy), qtbot)
     wizard.movie.run._show(window.movie)
     assert wizard.pages.isTabVisible(index)
     assert wizard.show_tracks() is wizard.tracks
     assert wizard.tracks.isVisible()
     assert wizard.tracks.message.text() == ""
     assert wizard.tracks.sections["protrusions"].run_button.isEnabled()
+    # The slider over t that comes with tracks does not turn back the time.
+    window.go_to(3)
+    tracking = tracks_session_of(viewer)
+    tracking.set_tracks("wandering", wandering(window.movie))
+    layers = tracking.findChild(TrackLayers)
+    window.wait(lambda: not layers.busy)
+    assert window.session.wanted == window.session.timepoint == 3
+    assert viewer.dims.current_step[0] == 3

@@ -19,7 +19,7 @@ from napari_unwrap3d.measuring import analysis
 from napari_unwrap3d.viewer.track_plots import NOT_MEASURED, NOTICE_PAGE, PLOT_PAGE, TrackPlotsDock
 from napari_unwrap3d.viewer.track_run import NO_TRACKS
 from viewer.measured import measured
-from viewer.tracked import Tracked
+from viewer.tracked import Tracked, wandering
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier
 CONTROL = Qt.KeyboardModifier.ControlModifier
@@ -41,7 +41,9 @@ def threads(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 @pytest.fixture
 def window(make_napari_viewer: Any, movie_copy: Path, qtbot: Any) -> Tracked:
-    return Tracked(make_napari_viewer(show=True), load_movie(movie_copy), qtbot)
+    movie = load_movie(movie_copy)
+    movie.keep_tracks("wandering", wandering(movie))
+    return Tracked(make_napari_viewer(show=True), movie, qtbot)
 
 
 @pytest.fixture

@@ -35,7 +35,7 @@ class TimeAxis(QObject):
         self._model = weakref.ref(model)
         self._session = session
         self._setting = False
-        self._seen: tuple[int, TimeScale | None] = (model.dims.ndim, self._scale())
+        self._seen: tuple[Any, ...] = ()
         model.dims.events.current_step.connect(self._on_step)
         session.frame_changed.connect(self._on_frame)
         model.layers.events.inserted.connect(self._on_frame)
@@ -58,13 +58,18 @@ class TimeAxis(QObject):
         model, movie = self._model(), self._session.movie
         return None if model is None or movie is None else time_scale(model, len(movie))
 
+    @staticmethod
+    def _reach(model: ViewerModel, scale: TimeScale) -> tuple[Any, ...]:
+        """From where to where the slider goes; that changes with the layers only."""
+        return model.dims.ndim, scale, tuple(model.dims.range[scale.axis])
+
     def _on_step(self, _: Any = None) -> None:
         """The person moved napari's slider."""
         model, scale = self._model(), self._scale()
         if self._setting or model is None or scale is None:
             return
-        if (model.dims.ndim, scale) != self._seen:
-            # An axis that has just come begins at its start: nobody moved it.
+        if self._reach(model, scale) != self._seen:
+            # An axis that has just come, or got longer, begins somewhere: nobody moved it.
             self._on_frame()
             return
         session, timepoint = self._session, scale.timepoint(model)
@@ -77,7 +82,7 @@ class TimeAxis(QObject):
         model, scale, session = self._model(), self._scale(), self._session
         if model is None or scale is None:
             return
-        self._seen = (model.dims.ndim, scale)
+        self._seen = self._reach(model, scale)
         if session.wanted != session.timepoint:
             return
         if scale.timepoint(model) != scale.nearest(model, session.timepoint):
