@@ -265,6 +265,14 @@ def test_the_wizard_has_a_page_for_the_tracks_of_a_movie(
     assert wizard.tracks.message.text() == NO_MOVIE
     assert not wizard.tracks.sections["protrusions"].run_button.isEnabled()
     window = Tracked(viewer, load_movie(movie_copy), qtbot)
+    # The slider over t that comes with tracks does not turn back the time.
+    window.go_to(3)
+    window.tracking.set_tracks("", None)
+    window.drawn()
+    window.tracking.set_tracks("again", window.tracks)
+    window.drawn()
+    assert window.session.wanted == window.session.timepoint == 3
+    assert viewer.dims.current_step[0] == 3
     wizard.movie.run._show(window.movie)
     assert wizard.pages.isTabVisible(index)
     assert wizard.show_tracks() is wizard.tracks

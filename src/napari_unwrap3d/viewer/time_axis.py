@@ -35,6 +35,7 @@ class TimeAxis(QObject):
         self._model = weakref.ref(model)
         self._session = session
         self._setting = False
+        self._seen: tuple[int, TimeScale | None] = (model.dims.ndim, self._scale())
         model.dims.events.current_step.connect(self._on_step)
         session.frame_changed.connect(self._on_frame)
         model.layers.events.inserted.connect(self._on_frame)
@@ -62,6 +63,10 @@ class TimeAxis(QObject):
         model, scale = self._model(), self._scale()
         if self._setting or model is None or scale is None:
             return
+        if (model.dims.ndim, scale) != self._seen:
+            # An axis that has just come begins at its start: nobody moved it.
+            self._on_frame()
+            return
         session, timepoint = self._session, scale.timepoint(model)
         # Tracks may begin late and end early, and the slider with them.
         if timepoint != scale.nearest(model, session.wanted):
@@ -70,7 +75,10 @@ class TimeAxis(QObject):
     def _on_frame(self, _: Any = None) -> None:
         """Show the same timepoint of what has a t axis, unless another one is asked for."""
         model, scale, session = self._model(), self._scale(), self._session
-        if model is None or scale is None or session.wanted != session.timepoint:
+        if model is None or scale is None:
+            return
+        self._seen = (model.dims.ndim, scale)
+        if session.wanted != session.timepoint:
             return
         if scale.timepoint(model) != scale.nearest(model, session.timepoint):
             self._setting = True

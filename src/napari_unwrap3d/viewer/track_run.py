@@ -304,7 +304,7 @@ def _worked(
 
 def _set_aside(movie: Movie, name: str, shown: Tracks | None) -> None:
     """Tracks that a person edited are not lost when they are made anew: they get another name."""
-    from ..tracking.edits import EDITED
+    from ..tracking.relations import EDITED
 
     names = movie.track_names
     before = movie.tracks(name) if shown is None and name in names else shown

@@ -387,7 +387,9 @@ def spoken(name: str, value: float) -> tuple[str, str]:
 
 def number(value: float) -> str:
     """Three digits; a dash for what cannot be said."""
-    return "–" if math.isnan(value) else f"{value:.3g}"
+    if math.isnan(value):
+        return "–"
+    return f"{value:.0f}" if abs(value) >= 100 else f"{value:.3g}"
 
 
 def _table_row(title: str, text: str) -> str:
