@@ -209,6 +209,7 @@ def test_other_charts_have_no_tracks_and_layers_that_were_removed_come_again(
 
     window.viewer.layers.remove(window.lines.layer(SPACE))
     window.go_to(1)
+    assert "tracks" not in window.viewer.layers
     window.tracking.set_tracks("some", window.tracks.kept([1, 2]))
     window.drawn()
     assert set(window.viewer.layers["tracks"].features["track"]) == {1, 2}

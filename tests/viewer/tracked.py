@@ -60,8 +60,9 @@ class Tracked(Projector):
     """A window that shows a movie and the tracks that were kept with it."""
 
     def __init__(self, viewer: Any, movie: Movie, qtbot: Any) -> None:
-        super().__init__(viewer, movie, qtbot)
+        # As when the docks are open before the movie is.
         self.tracking: TracksSession = tracks_session_of(viewer)
+        super().__init__(viewer, movie, qtbot)
         self.wait(lambda: self.tracking.tracks is not None)
         self.tracks: Tracks = self.tracking.tracks
         self.drawn()

@@ -18,6 +18,8 @@ COLORMAP = "viridis"
 UNKNOWN: Colour = (0.5, 0.5, 0.5, 1.0)
 # How much of a track's colour is left while others are selected.
 DIMMED = 0.15
+# Columns of ``Tracks.track_table`` that are one number for each track.
+OF_TRACKS = ("lifetime_s", "start_s", "first_timepoint", "last_timepoint", "timepoints")
 # Values beyond these percentiles are coloured as those at them.
 PERCENTILES = (2.0, 98.0)
 
@@ -90,8 +92,7 @@ class TrackColours:
 def colour_columns(tracks: Tracks) -> tuple[str, ...]:
     """The columns that tracks can be coloured by: of their rows, then of each track."""
     rows = [name for name, column in tracks.columns.items() if column.dtype.kind in "biuf"]
-    table = [name for name in tracks.track_table if not name.startswith("mean_")]
-    return tuple(dict.fromkeys(name for name in (*rows, *table) if name != TRACK))
+    return tuple(dict.fromkeys(name for name in (*rows, *OF_TRACKS) if name != TRACK))
 
 
 def row_values(tracks: Tracks, column: str) -> Floats:

@@ -18,6 +18,7 @@ from .canvas import canvas_of, open_canvas
 from .far_side import FarSide
 from .layers import KEY, PIXELS, SPACE, UNIT
 from .placing import chart_of, undisturbed
+from .session import session_of
 from .time_axis import time_scale
 from .track_heads import TrackHeads
 from .turns import Turns, soon
@@ -65,12 +66,15 @@ class TrackLayers(QObject):
         self.far_side = FarSide(viewer, self)
         self.heads = TrackHeads(viewer, session, self)
         self._turns = Turns(self)
+        # Of what is to be shown: work on an earlier one stops.
+        self._version, self._shown_version = 0, 0
         self._timer = soon(self, self._begin)
         self._colour_timer = soon(self, self._recolour)
         session.shown_changed.connect(self._timer.start)
         session.selection_changed.connect(self._colour_timer.start)
         session.colouring_changed.connect(self._colour_timer.start)
-        session.movies.frame_changed.connect(self._on_frame)
+        session.movies.frame_changed.connect(self._on_cell)
+        session_of(viewer).finished.connect(self._on_cell)
         viewer.layers.events.removed.connect(self._on_removed)
         viewer.window._qt_window.installEventFilter(self)
         self._timer.start()
@@ -82,48 +86,68 @@ class TrackLayers(QObject):
     @property
     def busy(self) -> bool:
         """Whether something is still to be shown."""
-        return self._turns.busy or self._timer.isActive() or self._colour_timer.isActive()
+        behind = self._shown_version != self._version
+        return behind or self._timer.isActive() or self._colour_timer.isActive()
 
     # The lines ------------------------------------------------------------------
 
     def _begin(self) -> None:
-        self._turns.clear()
-        self._turns.add(self._showing())
+        viewer = self._viewer()
+        if viewer is None:
+            return
+        self._version += 1
+        # After what brings the cell into the window, where that is still going on.
+        opening = self._session.movies.movie is not None
+        turns = session_of(viewer).turns if opening else self._turns
+        turns.add(self._showing(self._version))
 
-    def _showing(self) -> Iterator[None]:
-        """Show the tracks as they are, a layer per step."""
-        tracks = self._session.shown
+    def _showing(self, version: int) -> Iterator[None]:
+        """Show the tracks as they are, a piece per step; until there are others."""
         for chart in (IN_SPACE, ON_UV):
-            if tracks is None or not self._can_show(chart, tracks):
-                self.remove(chart)
+            for _ in self._showing_on(chart):
                 yield
-                continue
-            lines = (lines_in_space if chart == IN_SPACE else lines_on_uv)(tracks)
-            self.lines[chart] = lines
-            yield
-            if not len(lines):
-                self._hide(chart)
-            elif chart in self._layers:
-                self._change(chart, tracks)
-            else:
-                yield from self._adding(chart, tracks)
-            yield
-            self.heads.show(chart)
-            yield
+                if version != self._version:
+                    return
         self.heads.update()
+        self._shown_version = version
+
+    def _showing_on(self, chart: str) -> Iterator[None]:
+        tracks = self._session.shown
+        if tracks is None or not self._can_show(chart, tracks):
+            self.remove(chart)
+            yield
+            return
+        lines = (lines_in_space if chart == IN_SPACE else lines_on_uv)(tracks)
+        self.lines[chart] = lines
+        yield
+        if not len(lines):
+            self._hide(chart)
+        elif chart in self._layers:
+            self._change(chart, tracks)
+        else:
+            yield from self._adding(chart, tracks)
+        yield
+        self.heads.show(chart)
+        yield
 
     def _can_show(self, chart: str, tracks: Tracks) -> bool:
-        if chart == IN_SPACE:
-            return True
+        """Whether what the tracks lie on is there."""
         viewer = self._viewer()
-        canvas = None if viewer is None else open_canvas(viewer)
+        if viewer is None:
+            return False
+        if chart == IN_SPACE:
+            opening = self._session.movies.movie is not None
+            return not opening or any(chart_of(layer) == IN_SPACE for layer in viewer.layers)
+        canvas = open_canvas(viewer)
         image = None if canvas is None else canvas.image(ON_UV)
         return image is not None and tracks.rows == image.data.shape[0]
 
-    def _on_frame(self, _: Any = None) -> None:
-        """The first frame brings the second canvas; later ones find everything there."""
+    def _on_cell(self, _: Any = None) -> None:
+        """A frame, or the common space: what was not there before may be now."""
         tracks = self._session.shown
-        if tracks is not None and ON_UV not in self.lines and self._can_show(ON_UV, tracks):
+        if tracks is not None and any(
+            chart not in self.lines and self._can_show(chart, tracks) for chart in AXES
+        ):
             self._timer.start()
 
     def _adding(self, chart: str, tracks: Tracks) -> Iterator[None]:
@@ -281,7 +305,6 @@ class TrackLayers(QObject):
         layer.events.color_by.disconnect(self._on_column)
         layer.events.colormap.disconnect(self._on_colormap)
         self.far_side.remove(layer)
-        self.lines.pop(chart, None)
         self._hidden.discard(chart)
         return layer
 
@@ -300,6 +323,7 @@ class TrackLayers(QObject):
 
     def close(self) -> None:
         """Listen no longer."""
+        self._version += 1
         self._turns.clear()
         self._timer.stop()
         self._colour_timer.stop()
@@ -307,6 +331,7 @@ class TrackLayers(QObject):
         self.far_side.close()
         viewer = self._viewer()
         if viewer is not None:
+            session_of(viewer).finished.disconnect(self._on_cell)
             viewer.layers.events.removed.disconnect(self._on_removed)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:

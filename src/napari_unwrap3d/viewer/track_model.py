@@ -20,12 +20,19 @@ MEAN = "mean_"
 NONE = "–"
 # Columns whose 0 says that there is none.
 PARTNERS = ("parent", "into")
-TITLES = {TRACK: "Track", "parent": "Out of", "into": "Goes into", "timepoints": "Timepoints"}
+TITLES = {
+    TRACK: "Track",
+    "first_timepoint": "First",
+    "last_timepoint": "Last",
+    "timepoints": "Seen",
+    "parent": "Out of",
+    "into": "Into",
+}
 MEANINGS = {
     TRACK: "The number of the track.",
-    "first_timepoint": "At which it is first seen.",
-    "last_timepoint": "At which it is last seen.",
-    "timepoints": "At how many it is seen; fewer than it lasts where there are gaps.",
+    "first_timepoint": "The timepoint at which it is first seen.",
+    "last_timepoint": "The timepoint at which it is last seen.",
+    "timepoints": "At how many timepoints it is seen; fewer than it lasts where there are gaps.",
     "start_s": "When it is first seen.",
     "lifetime_s": "How long it lasts: the time that its timepoints stand for.",
     "parent": "The track that it came out of.",
