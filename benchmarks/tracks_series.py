@@ -87,9 +87,11 @@ def measured_blebs(seed: int) -> tuple[Unwrapped, Tracks, unwrap3d.Measurements]
     """A movie of blebs, its tracks and what is measured along them."""
     case = unwrapped("blebs", seed, BLEBS)
     tracks = track_protrusions(case.movie)
-    parameters = case.movie.parameters
-    chosen = parameters.measurement.model_copy(update={"correlate": f"{CURVATURE}, {SIGNAL}"})
-    parameters = parameters.model_copy(update={"measurement": chosen})
+    # Those of the movie may have been kept before the defaults of measurements changed.
+    chosen = unwrap3d.Parameters.from_dict(
+        {"measurement": {"correlate": f"{CURVATURE}, {SIGNAL}"}}
+    ).measurement
+    parameters = case.movie.parameters.model_copy(update={"measurement": chosen})
     return case, tracks, measure_tracks(case.movie, tracks, parameters)
 
 

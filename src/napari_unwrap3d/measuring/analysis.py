@@ -254,15 +254,22 @@ class _Analysis:
         found = {}
         for track, values in zip(self.tracks.ids.tolist(), self.series[name], strict=True):
             time = self.tracks.timepoint[self.tracks.rows_of(track)]
-            course = self._course(values, int(time[0]), int(time[-1]))
+            first, last = int(time[0]), int(time[-1])
             found[track] = find_events(
-                course,
+                self._course(values, first, last),
                 self.step_s,
                 prominence=chosen.prominence,
                 distance_s=chosen.distance_s,
                 smoothing=chosen.smoothing,
+                # What is there at the first or last timepoint was, or will be, there beyond it.
+                cut=(self._own and first == 0, self._own and last == self.tracks.timepoints - 1),
             )
         return found
+
+    @property
+    def _own(self) -> bool:
+        """Whether events are those of a protrusion itself, and not of the box around it."""
+        return self.places.kind == "protrusion" and self.event_series != AREA
 
     def _course(self, values: Floats, first: int, last: int) -> Floats:
         """The series in which events are looked for: that of the track's life.
@@ -270,8 +277,7 @@ class _Analysis:
         Before its first and after its last timepoint a protrusion has neither area nor height;
         a box or a region has what lies there, which is not the track's.
         """
-        own = self.places.kind == "protrusion" and self.event_series != AREA
-        outside = 0.0 if own else np.nan
+        outside = 0.0 if self._own else np.nan
         course = np.full(len(values), outside)
         course[first : last + 1] = values[first : last + 1]
         return course

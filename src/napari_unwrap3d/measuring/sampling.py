@@ -22,8 +22,8 @@ from ..parameters import Parameters
 from ..progress import Progress
 from ..unwrapping.elements import region_means
 from ..unwrapping.uv import direction_to_uv
+from .bending import curvature_threshold
 from .places import Places
-from .series import curvature_threshold
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
