@@ -28,11 +28,6 @@ VOXEL_UM = 0.15
 SIZE = 112
 ROWS = 256
 DONE = "unwrapped.json"
-# What unwrapping does not depend on.
-AFTERWARDS = {
-    *("protrusions", "topographic", "refinement"),
-    *("tracking", "boxes", "flow", "measurement"),
-}
 # A truth label is looked for so far from a vertex; beyond it the vertex is the body's.
 REACH_VOXELS = 2.0
 LEAST_SHARED = 0.3
