@@ -168,7 +168,12 @@ class FlowParameters(StepParameters):
         ge=0,
     )
     method: Literal["farneback", "dis"] = setting(
-        "farneback", "Optical flow", "How motion between two images is found.", source=ROIS
+        "dis",
+        "Optical flow",
+        "How motion between two images is found: dense inverse search, which is smooth along "
+        "ridges, where nothing tells how far they move; or as the paper does it, by polynomial "
+        "expansion (Farnebäck).",
+        source=ROIS,
     )
     window_um: Positive | None = setting(
         None,

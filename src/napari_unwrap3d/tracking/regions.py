@@ -25,7 +25,7 @@ from ..unwrapping.uv import direction_to_uv, uv_to_direction
 from .flows import FieldImages, FlowsOfMovie
 from .optical_flow import tangents_at
 from .places import height_at, on_surface
-from .velocities import annotated_plane, with_lateral, with_velocities
+from .velocities import SECONDS, annotated_plane, divergence, with_lateral, with_velocities
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
@@ -58,7 +58,8 @@ def track_flow(
         they are wider than high, as pixels are), with ``velocity_z_um_per_min``,
         ``velocity_y_um_per_min``, ``velocity_x_um_per_min`` and ``speed_um_per_min`` along the
         surface (:func:`.velocities.with_velocities`), ``direction_deg`` on the uv image (0 along
-        u, 90 towards the north), and, where a plane is annotated, ``lateral_speed_um_per_min``.
+        u, 90 towards the north), ``divergence_per_min``, how fast the surface spreads there, and,
+        where a plane is annotated, ``lateral_speed_um_per_min``.
 
     Raises
     ------
@@ -145,13 +146,18 @@ class Regions:
         """Unit vectors (k, 3) along v and u at the centres."""
         return tangents_at(direction_to_uv(self.centres, rows), rows, (len(self.centres),))
 
+    def within(self, image: Floats) -> Floats:
+        """Values (k, s, ...) of an image (N, 2N, ...) at the samples of every region."""
+        rows = image.shape[0]
+        samples = self.samples(rows)
+        at = np.rint(direction_to_uv(samples.reshape(-1, 3), rows)).astype(np.int64)
+        found: Floats = image[np.clip(at[:, 0], 0, rows - 1), at[:, 1] % (2 * rows)]
+        return found.reshape(*samples.shape[:2], *image.shape[2:])
+
     def carried(self, flow: Floats) -> Regions:
         """Every region moved by the median of a flow (N, 2N, 3) within it."""
         rows = flow.shape[0]
-        samples = self.samples(rows)
-        at = np.rint(direction_to_uv(samples.reshape(-1, 3), rows)).astype(np.int64)
-        within = flow[np.clip(at[:, 0], 0, rows - 1), at[:, 1] % (2 * rows)]
-        within = within.reshape(samples.shape)
+        within = self.within(flow)
         moved = self.centres.copy()
         for axis in self.tangents(rows):
             along = np.median(np.einsum("ksi,ki->ks", within, axis), axis=1)
@@ -197,6 +203,8 @@ class Moved:
     ----------
     ids, timepoint : ndarray, (n,)
     centres : ndarray, (n, 3)
+    divergence : ndarray, (n,)
+        Of the flow to that timepoint, per minute; NaN at the first one.
     side : float
     numbers : dict
     """
@@ -204,6 +212,7 @@ class Moved:
     ids: Ints
     timepoint: Ints
     centres: Floats
+    divergence: Floats
     side: float
     numbers: dict[str, Any]
 
@@ -220,10 +229,13 @@ def _moved(movie: Movie, parameters: FlowParameters, times: list[int], progress:
     )
     places = now = Regions.even(parameters.regions)
     begun = len(now.ids)
-    ids, timepoint, centres = [], [], []
+    area = np.asarray(movie.common.uv.fields["area_um2"])
+    ids, timepoint, centres, spread = [], [], [], []
+    before = None
     for number, time in enumerate(times):
         progress(0.1 + 0.9 * number / len(times), f"timepoint {time}")
         flow = flows.to(time)
+        minutes = np.nan if before is None else (time - before) * movie.time_step_s / SECONDS
         if number:
             now = now.carried(flow).thinned(parameters.least_distance)
             now = now.filled(places, flows.rows, parameters.coverage, begun + 1)
@@ -231,6 +243,8 @@ def _moved(movie: Movie, parameters: FlowParameters, times: list[int], progress:
         ids.append(now.ids)
         timepoint.append(np.full(len(now.ids), time))
         centres.append(now.centres)
+        spread.append(np.nanmean(now.within(divergence(flow, area)), axis=1) / minutes)
+        before = time
     numbers = {
         "field": parameters.field,
         "first_regions": len(places.ids),
@@ -242,6 +256,7 @@ def _moved(movie: Movie, parameters: FlowParameters, times: list[int], progress:
         np.concatenate(ids),
         np.concatenate(timepoint),
         np.concatenate(centres),
+        np.concatenate(spread),
         now.side,
         numbers,
     )
@@ -277,6 +292,7 @@ def _tracks(movie: Movie, moved: Moved, parameters: FlowParameters, progress: Pr
         **dict(zip(PLACE, places.T, strict=True)),
         **dict(zip(BOX, np.column_stack([middle - half, middle + half]).T, strict=True)),
         "side_px": height,
+        "divergence_per_min": moved.divergence,
     }
     tracks = Tracks.of(
         columns,
@@ -302,6 +318,7 @@ def _lasting(moved: Moved, least_s: float, time_step_s: float) -> Moved:
         number[moved.ids[kept]],
         moved.timepoint[kept],
         moved.centres[kept],
+        moved.divergence[kept],
         moved.side,
         moved.numbers,
     )

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
+from scipy import stats
 
 from ..charts import Floats, Ints, Tracks
 from ..errors import AxesError, InputError
@@ -28,8 +29,7 @@ if TYPE_CHECKING:
 VELOCITY = ("velocity_z_um_per_min", "velocity_y_um_per_min", "velocity_x_um_per_min")
 SPEED, LATERAL = "speed_um_per_min", "lateral_speed_um_per_min"
 SECONDS = 60.0
-# A step along the surface is the chain of so many pieces.
-PIECES = 3
+MODE_STEPS = 1000
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,33 +144,25 @@ def with_lateral(tracks: Tracks, plane: Plane) -> Tracks:
     return replace(added, numbers={**tracks.numbers, **numbers})
 
 
-# Steps along the surface -----------------------------------------------------------
+# Velocities ------------------------------------------------------------------------
 
 
-def steps_between(
-    movie: Movie, heights: tuple[Floats, Floats], starts: Floats, ends: Floats
-) -> tuple[Floats, Floats]:
-    """Steps (n, 3) in µm along the surface from a timepoint to the next, and their lengths (n,).
+def normals_at(movie: Movie, height: Floats, places: Floats) -> Floats:
+    """Unit normals (n, 3) of what lies outermost over places (n, 2) (v, u) in pixels.
 
-    A step is taken along the surface of either timepoint, and the mean of both counts: so the
-    surface's own way in and out, which is no motion along it, is left out.
-
-    Parameters
-    ----------
-    movie : Movie
-    heights : two of ndarray, (N, 2N)
-        d of the surface at the two timepoints.
-    starts, ends : ndarray, (n, 3)
-        Directions on the unit sphere (turned frame).
+    From the positions a pixel to either side; which side is out does not matter here.
     """
-    rows = heights[0].shape[0]
-    part = np.linspace(0, 1, PIECES + 1)[:, None, None]
-    ways = (1 - part) * starts + part * ends
-    ways /= np.linalg.norm(ways, axis=2, keepdims=True)
-    places = direction_to_uv(ways.reshape(-1, 3), rows)
-    points = np.mean([on_surface(movie, height, places) for height in heights], axis=0)
-    pieces = np.diff(points.reshape(PIECES + 1, -1, 3), axis=0)
-    return pieces.sum(axis=0), np.linalg.norm(pieces, axis=2).sum(axis=0)
+    rows = height.shape[0]
+    south, east = tangents_at(places, rows, (len(places),))
+    here = uv_to_direction(places, rows)
+    around = [here + sign * np.pi / rows * axis for axis in (south, east) for sign in (1, -1)]
+    unit = np.concatenate(around)
+    unit /= np.linalg.norm(unit, axis=1, keepdims=True)
+    points = on_surface(movie, height, direction_to_uv(unit, rows)).reshape(4, -1, 3)
+    across = np.cross(points[0] - points[1], points[2] - points[3])
+    length = np.linalg.norm(across, axis=1, keepdims=True)
+    normals: Floats = across / np.maximum(length, np.finfo(float).tiny)
+    return normals
 
 
 def with_velocities(movie: Movie, tracks: Tracks, progress: Progress | None = None) -> Tracks:
@@ -186,35 +178,90 @@ def with_velocities(movie: Movie, tracks: Tracks, progress: Progress | None = No
     Returns
     -------
     Tracks
-        With ``velocity_z_um_per_min``, ``velocity_y_um_per_min``, ``velocity_x_um_per_min`` and
-        ``speed_um_per_min``, the length of the way along the surface over time: over the steps
-        before and after each timepoint, or the one that there is; NaN of tracks of one timepoint.
+        With the velocity of their places on the surface in space, ``velocity_z_um_per_min``,
+        ``velocity_y_um_per_min`` and ``velocity_x_um_per_min``: between the timepoints before
+        and after, or the one that there is; NaN of tracks of one timepoint. And with
+        ``speed_um_per_min``, the part of it along the surface: the surface's own way in and out
+        is no motion on it.
     """
     progress = progress or silent()
-    step, length = np.full((len(tracks), 3), np.nan), np.full(len(tracks), np.nan)
-    directions = uv_to_direction(tracks.place_px, movie.common.uv.shape[0])
-    follows = np.flatnonzero(tracks.track_id[1:] == tracks.track_id[:-1])
-    first, second = tracks.timepoint[follows], tracks.timepoint[follows + 1]
-    pairs = np.unique(np.column_stack([first, second]), axis=0)
-    for number, (before, after) in enumerate(pairs.tolist()):
-        progress(number / len(pairs), f"timepoint {before}")
-        rows = follows[(first == before) & (second == after)]
-        heights = height_at(movie, before), height_at(movie, after)
-        found = steps_between(movie, heights, directions[rows], directions[rows + 1])
-        minutes = (after - before) * movie.time_step_s / SECONDS
-        step[rows], length[rows] = (each / minutes for each in found)
-    velocity, speed = (_centred(values, follows) for values in (step, length))
-    return tracks.with_columns(**dict(zip(VELOCITY, velocity.T, strict=True)), **{SPEED: speed})
+    rows = np.arange(len(tracks))
+    same = tracks.track_id[1:] == tracks.track_id[:-1]
+    before, after = rows.copy(), rows.copy()
+    before[1:][same] -= 1
+    after[:-1][same] += 1
+    minutes = (tracks.timepoint[after] - tracks.timepoint[before]) * movie.time_step_s / SECONDS
+    step = tracks.position_um[after] - tracks.position_um[before]
+    velocity = step / np.where(minutes > 0, minutes, np.nan)[:, None]
+    along = np.full(len(tracks), np.nan)
+    times = np.unique(tracks.timepoint)
+    for number, time in enumerate(times.tolist()):
+        progress(number / len(times), f"timepoint {time}")
+        here = tracks.timepoint == time
+        normals = normals_at(movie, _known_height(movie, time), tracks.place_px[here])
+        outwards = np.einsum("ni,ni->n", velocity[here], normals)
+        along[here] = np.linalg.norm(velocity[here] - outwards[:, None] * normals, axis=1)
+    return tracks.with_columns(**dict(zip(VELOCITY, velocity.T, strict=True)), **{SPEED: along})
 
 
-def _centred(ahead: Floats, follows: Ints) -> Floats:
-    """Of values of the step after each row, the mean of the steps before and after it."""
-    behind = np.full_like(ahead, np.nan)
-    behind[follows + 1] = ahead[follows]
-    both = np.isfinite(ahead) & np.isfinite(behind)
-    either = np.where(np.isfinite(ahead), ahead, behind)
-    centred: Floats = np.where(both, (ahead + behind) / 2, either)
-    return centred
+def _known_height(movie: Movie, timepoint: int) -> Floats:
+    """The height at a timepoint, or, of one that was lost, at the nearest that there is."""
+    made = [t for t in range(len(movie)) if not movie.is_lost(t)]
+    return height_at(movie, min(made, key=lambda t: (abs(t - timepoint), t)))
+
+
+# Populations -----------------------------------------------------------------------
+
+
+def median_velocities(
+    tracks: Tracks, rows: npt.ArrayLike | None = None, least_timepoints: int = 1
+) -> tuple[Ints, Floats]:
+    """The median velocity of every track, so that single wrong steps do not count.
+
+    Parameters
+    ----------
+    tracks : Tracks
+        With velocities.
+    rows : array-like, (n,) bool, optional
+        Those that count, such as where the track is on a ruffle; all unless given.
+    least_timepoints : int
+        Tracks with fewer such rows are left out.
+
+    Returns
+    -------
+    ids : ndarray, (k,)
+    velocity : ndarray, (k, 3)
+        (z, y, x) in µm per minute, the median of each component.
+    """
+    velocity = np.column_stack([tracks.columns[name] for name in VELOCITY])
+    counted = np.isfinite(velocity).all(axis=1)
+    if rows is not None:
+        counted &= np.asarray(rows, bool)
+    ids, start, count = np.unique(tracks.track_id[counted], return_index=True, return_counts=True)
+    kept = count >= least_timepoints
+    parts = np.split(velocity[counted], start[1:]) if len(ids) else []
+    medians = [np.median(part, axis=0) for part, keep in zip(parts, kept, strict=True) if keep]
+    return ids[kept], np.array(medians, np.float64).reshape(-1, 3)
+
+
+def most_frequent(values: npt.ArrayLike) -> float:
+    """The mode of a distribution: where its Gaussian kernel density (Scott's rule) is largest.
+
+    Of speeds it is that of what moves alike, whatever else moves faster here and there.
+
+    Raises
+    ------
+    InputError
+        There are less than two different finite values.
+    """
+    known = np.asarray(values, np.float64)
+    known = known[np.isfinite(known)]
+    if len(np.unique(known)) < 2:
+        raise InputError("A mode needs different values.", values=len(known))
+    low, high = np.percentile(known, [0.5, 99.5])
+    inner = known[(known >= low) & (known <= high)]
+    grid = np.linspace(low, high, MODE_STEPS)
+    return float(grid[int(np.argmax(stats.gaussian_kde(inner)(grid)))])
 
 
 # Fields ----------------------------------------------------------------------------
@@ -245,7 +292,7 @@ def divergence(displacement: Floats, area_um2: npt.ArrayLike) -> Floats:
     density = np.asarray(area_um2, np.float64) / sine
     carried = pad_sphere(density[..., None] * displacement, 1)
     along_v = (carried[2:, 1:-1] - carried[:-2, 1:-1]) / 2
-    along_u = (carried[1:-1, 2:] - carried[1:-1, :-2]) / 2 / sine
+    along_u = (carried[1:-1, 2:] - carried[1:-1, :-2]) / 2 / sine[..., None]
     spread = np.einsum("ijk,ijk->ij", along_v, south) + np.einsum("ijk,ijk->ij", along_u, east)
     found: Floats = spread * rows / np.pi / np.where(density > 0, density, np.nan)
     return found
