@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -38,6 +38,7 @@ from .measurements import Measurements
 from .places import Places, places_of
 from .sampling import Sampled, sample
 from .speeds import mean_by_track, populations, step_speeds
+from .still import STILL, groups_of, still_tracks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -82,12 +83,14 @@ def measure_tracks(
     report = report.named("measurement")
     given = parameters or movie.parameters
     chosen = given.measurement
-    measured = gated_tracks(movie, movie.tracks(chosen.tracks) if tracks is None else tracks, given)
+    if tracks is None:
+        tracks = _named_tracks(movie, chosen, report.part(0.0, 0.05))
+    measured = gated_tracks(movie, tracks, given)
     fields, pair = fields_of(movie, chosen), correlated_fields(movie, chosen)
     regions = names_in(chosen.regions)
     for region in regions:
         movie.common.annotations.annotation(region)
-    measured = _with_speeds(movie, measured, chosen, report.part(0.0, 0.1))
+    measured = _with_speeds(movie, measured, chosen, report.part(0.05, 0.1))
     places = places_of(movie, measured, given, report.part(0.1, 0.25))
     wanted = tuple(dict.fromkeys((*fields, *pair)))
     sampled = sample(movie, places, wanted, given, report.part(0.25, 0.9), regions)
@@ -102,6 +105,13 @@ def measure_tracks(
         fields=wanted,
         correlated=pair,
     )
+
+
+def _named_tracks(movie: Movie, chosen: MeasurementParameters, progress: Progress) -> Tracks:
+    """Tracks that were kept, or places that do not move."""
+    if chosen.tracks == STILL and STILL not in movie.track_names:
+        return still_tracks(movie, chosen.places, progress)
+    return movie.tracks(chosen.tracks)
 
 
 def gated_tracks(movie: Movie, tracks: Tracks, parameters: Parameters) -> Tracks:
@@ -166,7 +176,7 @@ def _with_speeds(
 ) -> Tracks:
     """Tracks that know their speed along the surface, and along the plane of an annotation."""
     on_surface = np.isfinite(tracks.place_px).all() and len(tracks) > 0
-    if SPEED not in tracks.columns and on_surface:
+    if SPEED not in tracks.columns and on_surface and tracks.method != STILL:
         tracks = with_velocities(movie, tracks, progress)
     return with_lateral(tracks, annotated_plane(movie, chosen.plane)) if chosen.plane else tracks
 
@@ -280,7 +290,10 @@ class _Analysis:
         if not self.pair:
             return None
         first, second = (self.series[name] for name in self.pair)
-        return cross_correlation(first, second, self.step_s, self.chosen.longest_lag_s)
+        found = cross_correlation(first, second, self.step_s, self.chosen.longest_lag_s)
+        # Protrusions come and go by themselves; neighbouring regions change together.
+        crowded = self.places.kind == "region" and self.tracks.rows > 0 and len(self.tracks)
+        return replace(found, groups=groups_of(self.tracks)) if crowded else found
 
     @cached_property
     def at_no_lag(self) -> Floats:

@@ -12,9 +12,11 @@ import numpy.typing as npt
 from ..charts import Floats, Ints, Tracks
 from ..charts.tracks import BOX
 from ..errors import InputError
+from ..geometry.padding import sample_uv_nearest
 from ..parameters import MeasurementParameters, Parameters
 from ..progress import Progress
 from ..tracking.boxes import Box, bounding_boxes
+from .still import pixel_lengths
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
@@ -149,21 +151,30 @@ def _by_timepoint(
 
 
 def _squares(movie: Movie, tracks: Tracks, chosen: MeasurementParameters) -> Floats:
-    """Squares (n, 4) around the (v, u) of the rows."""
+    """Boxes (n, 4) around the (v, u) of the rows: squares in pixels where they have a side.
+
+    Else they are as high and as wide on the common reference as the parameters say, also near
+    a pole, where that takes many columns.
+    """
     middle = tracks.place_px
-    if not np.isfinite(middle).any():
+    known = np.isfinite(middle).all(axis=1)
+    if not known.any():
         raise InputError(
             "The tracks have no place on the surface.",
             hint="Lay them on the surface when they are imported.",
         )
     if SIDE in tracks.columns:
-        side = np.asarray(tracks.columns[SIDE], np.float64)
+        side = np.maximum(np.rint(np.asarray(tracks.columns[SIDE], np.float64)), 1.0)
+        size = np.column_stack([side, side])
     else:
-        area = np.asarray(movie.common.uv.fields["area_um2"], np.float64)
-        side = np.full(len(tracks), chosen.region_um / np.sqrt(np.nanmean(area)))
-    half = np.maximum(np.rint(side), 1.0)[:, None]
-    low = np.rint(middle - (half - 1) / 2)
-    return np.column_stack([low, low + half])
+        lengths = np.stack(pixel_lengths(movie.common.uv.positions), axis=-1)
+        size = np.ones((len(tracks), 2))
+        length = sample_uv_nearest(lengths, middle[known])
+        size[known] = np.rint(chosen.region_um / np.maximum(length, 1e-9))
+        rows = len(lengths)
+        size = np.clip(size, 1.0, (2 * rows, 2 * rows))
+    low = np.rint(middle - (size - 1) / 2)
+    return np.column_stack([low, low + size])
 
 
 def _fill_gaps(tracks: Tracks, corners: Floats, rows: int) -> None:

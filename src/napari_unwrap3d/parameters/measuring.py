@@ -16,7 +16,13 @@ class MeasurementParameters(StepParameters):
     """Measurements: what is sampled along tracks, and what is made of it."""
 
     tracks: str = setting(
-        "protrusions", "Tracks", "Which tracks are measured: protrusions, flow, or a name."
+        "protrusions",
+        "Tracks",
+        "Which tracks are measured: protrusions, flow, or a name; places: regions that are spread "
+        "evenly over the surface and do not move.",
+    )
+    places: int = setting(
+        2000, "Places", "How many regions do not move (tracks = places).", ge=4, le=50000
     )
     fields: str = setting(
         "all",
