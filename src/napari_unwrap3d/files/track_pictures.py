@@ -89,7 +89,9 @@ def _draw(axes: Axes, tracks: Tracks, timepoint: int, rows: int) -> None:
     heads = tracks.place_px[tracks.timepoint == timepoint]
     few = len(heads) <= MOST_HEADS
     axes.add_collection(
-        LineCollection(tails, colors=TRACK_COLOUR, linewidths=1.2 if few else 0.5, rasterized=True)
+        LineCollection(
+            list(tails), colors=TRACK_COLOUR, linewidths=1.2 if few else 0.5, rasterized=True
+        )
     )
     if few:
         axes.plot(*heads.T[::-1], "o", ms=4, mfc=HEAD_COLOUR, mec=TRACK_COLOUR, mew=0.7)
