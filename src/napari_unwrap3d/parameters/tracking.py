@@ -23,7 +23,7 @@ class TrackingParameters(StepParameters):
         source=BOXES,
     )
     followed_part: float = setting(
-        0.5,
+        0.4,
         "Followed from",
         "A protrusion is followed while it is at least by this part as high and as wide as the "
         "smallest height and area of protrusions ask for (protrusions.method = cortex); a track "
