@@ -127,8 +127,8 @@ stack = "masks.tif"
 mask = true
 
 [[regions]]
-name = "top"
-facing = [-1, 0, 0]
+name = "side"
+facing = [0, 1, 0]
 within_deg = 40
 
 [parameters.uv]
@@ -141,8 +141,11 @@ longest_step_um = 1.0
 [[measure]]
 tracks = "protrusions"
 [[measure]]
+name = "elsewhere"
 tracks = "protrusions"
-outside = "top"
+outside = "side"
+[measure.tracking]
+gap_s = 2.0
 """
 
 
@@ -165,13 +168,17 @@ def test_one_file_is_a_whole_analysis(tmp_path: Path) -> None:
     assert run("analyse", tmp_path / "a.toml", "-o", output) == 0
     made = load_movie(output / "movie")
     assert len(made) == 3
-    top = made.common.annotations.labels("top") > 0
-    assert 0.02 < top.mean() < 0.5
-    assert made.common.surface.vertices[top, 0].max() < made.common.surface.vertices[:, 0].mean()
+    side = made.common.annotations.labels("side") > 0
+    assert 0.02 < side.mean() < 0.5
+    assert made.common.surface.vertices[side, 1].min() > made.common.surface.vertices[:, 1].mean()
     everything = read_tracks(output / "tracks" / "protrusions.geff")
-    outside = read_tracks(output / "tracks" / "protrusions 2.geff")
-    assert set(outside.ids.tolist()) <= set(everything.ids.tolist())
-    assert (output / "protrusions 2" / "report.html").is_file()
+    outside = read_tracks(output / "tracks" / "elsewhere.geff")
+    assert 0 < len(outside.ids) < len(everything.ids)
+    assert set(made.track_names) == {"protrusions", "elsewhere"}
+    told = json.loads((output / "provenance.json").read_text())["measured"]
+    gaps = [told[name]["parameters"]["tracking"]["gap_s"] for name in ("protrusions", "elsewhere")]
+    assert gaps == [Parameters().tracking.gap_s, 2.0]
+    assert (output / "elsewhere" / "report.html").is_file()
     before = {path: path.stat().st_mtime_ns for path in (output / "movie" / "frames").iterdir()}
     assert run("analyse", tmp_path / "a.toml", "-o", output) == 2
     assert run("analyse", tmp_path / "a.toml", "-o", output, "--overwrite") == 0
@@ -187,6 +194,10 @@ def test_a_wrong_analysis_says_what_is_wrong(tmp_path: Path) -> None:
         ("[source]\nsimulated = 'blebs'\ncolour = 1\n", "colour"),
         ("[source]\nsimulated = 'blebs'\n[parameters.uv]\nrow = 1\n", "uv.row"),
         ("[source]\nsimulated = 'blebs'\n[[measure]]\nnothing = 1\n", "measurement.nothing"),
+        (
+            "[source]\nsimulated = 'blebs'\n[[measure]]\nname = 'a'\n[[measure]]\nname = 'a'\n",
+            "same name",
+        ),
         ("[source", "TOML"),
     ):
         path.write_text(text)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, TypeVar
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
     from .motion.movie import Movie
 
 MOVIE_FOLDER = "movie"
+# Groups of parameters that tracks depend on.
+TRACKED = ("tracking", "boxes", "flow")
 SIMULATED_VOXEL_UM = (0.3, 0.15, 0.15)
 Size3 = tuple[float, float, float]
 
@@ -115,8 +118,9 @@ class Analysis(_Table):
     regions : list of Region
         Drawn unless the movie has an annotation of that name.
     measure : list of mapping
-        What is measured, each a group ``measurement`` over that of `parameters`: its ``tracks``
-        say what is tracked, too.
+        What is measured, each a group ``measurement`` over that of `parameters`, whose ``tracks``
+        say what is tracked, too. In it there may be groups ``tracking``, ``boxes`` and ``flow``
+        for these tracks, and a ``name``, under which they are kept and the results are written.
     formats : list of str
         Suffixes of the files that the tracks are written to.
     tables : "csv" or "parquet"
@@ -161,17 +165,49 @@ class Analysis(_Table):
         read.chosen()
         return read
 
-    def chosen(self) -> tuple[Parameters, list[Parameters]]:
-        """Parameters of the movie, and those of everything that is measured.
+    def chosen(self) -> tuple[Parameters, list[Wanted]]:
+        """Parameters of the movie, and everything that is measured.
 
         Raises
         ------
         ParameterError
-            One is not known or not valid.
+            One is not known or not valid, or two results have the same name.
         """
         base = Parameters.preset(self.preset) if self.preset else Parameters()
         base = over(base, self.parameters)
-        return base, [over(base, {"measurement": each}) for each in self.measure]
+        wanted = [_wanted(base, entry) for entry in self.measure]
+        names = [one.name for one in wanted if one.name]
+        if len(set(names)) < len(names):
+            raise ParameterError("Two of what is measured have the same name.", names=names)
+        return base, wanted
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """Something that is measured.
+
+    Attributes
+    ----------
+    parameters : Parameters
+        Of which ``measurement.tracks`` names the tracks.
+    name : str
+        Of the results, and under which the tracks are kept; that of the tracks where empty.
+    """
+
+    parameters: Parameters
+    name: str = ""
+
+    @property
+    def made_from(self) -> tuple[str, ...]:
+        """What its tracks depend on."""
+        groups = (getattr(self.parameters, group).model_dump_json() for group in TRACKED)
+        return (self.parameters.measurement.tracks, *groups)
+
+
+def _wanted(base: Parameters, entry: Mapping[str, Any]) -> Wanted:
+    groups = {group: entry[group] for group in TRACKED if group in entry}
+    own = {key: value for key, value in entry.items() if key not in (*TRACKED, "name")}
+    return Wanted(over(base, {**groups, "measurement": own}), str(entry.get("name", "")))
 
 
 def over(parameters: Parameters, groups: Mapping[str, Mapping[str, Any]]) -> Parameters:
@@ -226,6 +262,7 @@ def run_analysis(
         movie,
         found,
         output,
+        names=[one.name for one in wanted],
         title=analysis.title or movie.name,
         track_suffixes=analysis.formats,
         table_suffix=f".{analysis.tables}",
@@ -338,32 +375,35 @@ def _inside(movie: Movie, region: Region) -> npt.NDArray[np.bool_]:
 
 
 def measured(
-    movie: Movie, wanted: list[Parameters], progress: Progress, *, anew: bool = False
+    movie: Movie, wanted: list[Wanted], progress: Progress, *, anew: bool = False
 ) -> list[Measurements]:
-    """Measure tracks with each of several parameters; they are made where they are not there.
+    """Measure tracks; they are made where they are not there.
 
     Parameters
     ----------
     movie : Movie
-    wanted : list of Parameters
-        Of which ``measurement.tracks`` names the tracks.
+    wanted : list of Wanted
     progress : Progress
     anew : bool
         Whether tracks that are there are made again, unless a person has edited them.
     """
     from .measuring.analysis import measure_tracks
 
-    tracks: dict[str, Tracks] = {}
+    made: dict[tuple[str, ...], Tracks] = {}
     found = []
-    for parameters in wanted:
-        name = parameters.measurement.tracks
-        if name not in tracks:
-            there = name in movie.track_names
-            kept = there and (not anew or movie.tracks(name).method == EDITED)
-            tracks[name] = (
-                movie.tracks(name) if kept else tracked(movie, name, parameters, progress)
-            )
-        found.append(measure_tracks(movie, tracks[name], parameters, progress))
+    for one in wanted:
+        own = one.parameters.measurement.tracks
+        name = one.name if one.name in movie.track_names else own
+        there = name in movie.track_names
+        if there and (not anew or movie.tracks(name).method == EDITED):
+            tracks = movie.tracks(name)
+        else:
+            if one.made_from not in made:
+                made[one.made_from] = tracked(movie, own, one.parameters, progress)
+            tracks = made[one.made_from]
+            if one.name:
+                movie.keep_tracks(one.name, tracks)
+        found.append(measure_tracks(movie, tracks, one.parameters, progress))
     return found
 
 

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .analyses import MOVIE_FOLDER, Analysis, measured, over, run_analysis, tracked
+from .analyses import MOVIE_FOLDER, Analysis, Wanted, measured, over, run_analysis, tracked
 from .errors import InputError
 from .options import add_parameters, set_values
 from .parameters import Parameters
@@ -201,7 +201,7 @@ def measure_command(arguments: argparse.Namespace, console: Console) -> int:
     with _opened(arguments, console) as (movie, progress):
         parameters = _parameters(movie, arguments)
         names = arguments.tracks or [parameters.measurement.tracks]
-        wanted = [over(parameters, {"measurement": {"tracks": name}}) for name in names]
+        wanted = [Wanted(over(parameters, {"measurement": {"tracks": name}})) for name in names]
         found = measured(movie, wanted, progress)
         write_measured(
             movie,
@@ -228,7 +228,8 @@ def analyse_command(arguments: argparse.Namespace, console: Console) -> int:
     analysis = Analysis.from_toml(arguments.input)
     with StepProgress(console) as bars, interruptible(Progress(bars)) as progress:
         found = run_analysis(analysis, arguments.output, progress, overwrite=arguments.overwrite)
-    _print_numbers(console, found)
+    _, wanted = analysis.chosen()
+    _print_numbers(console, found, [one.name for one in wanted])
     console.print(f"Written to {arguments.output}", markup=False, highlight=False)
     if analysis.source.movie is None:
         movie = arguments.output / MOVIE_FOLDER
@@ -293,11 +294,13 @@ def _imported(movie: Movie, arguments: argparse.Namespace, progress: Progress) -
     )
 
 
-def _print_numbers(console: Console, found: Sequence[Measurements]) -> None:
+def _print_numbers(
+    console: Console, found: Sequence[Measurements], names: Sequence[str] = ()
+) -> None:
     from .console import print_pairs
     from .files.measured import entry_names
     from .quality import in_words
 
-    for name, one in zip(entry_names(found), found, strict=True):
+    for name, one in zip(entry_names(found, names), found, strict=True):
         pairs = {in_words(key): one.numbers.get(key) for key in KEY_NUMBERS}
         print_pairs(console, name, pairs)

@@ -49,6 +49,7 @@ def write_measured(
     found: Sequence[Measurements],
     folder: str | Path,
     *,
+    names: Sequence[str] = (),
     title: str = "",
     track_suffixes: Sequence[str] = (".geff", ".csv", ".xml"),
     table_suffix: str = ".csv",
@@ -65,6 +66,8 @@ def write_measured(
         Gets ``tracks/NAME.*``, for everything measured ``NAME/`` with its report and tables, an
         ``index.html`` that leads to the reports, and ``provenance.json``. It is changed only when
         everything has been written; what else is in it stays.
+    names : sequence of str
+        Of everything measured; those of the tracks where there are none, or empty ones.
     title : str
         Of the reports.
     track_suffixes : sequence of str
@@ -80,7 +83,7 @@ def write_measured(
     list of Path
     """
     told = progress or silent()
-    named = dict(zip(entry_names(found), found, strict=True))
+    named = dict(zip(entry_names(found, names), found, strict=True))
     written_before = (TRACKS, INDEX, PROVENANCE, *named)
     with replacing_folder(folder, written_before) as partial:
         for index, (name, one) in enumerate(named.items()):
@@ -123,17 +126,18 @@ def _index(title: str, named: Mapping[str, Measurements]) -> str:
     )
 
 
-def entry_names(found: Sequence[Measurements]) -> list[str]:
-    """Names of what was measured: those of its tracks, with a number where one comes again."""
-    names: list[str] = []
-    for one in found:
-        own = re.sub(r"[^\w .-]", "_", one.parameters.measurement.tracks) or "tracks"
-        name, number = own, 1
-        while name in names:
+def entry_names(found: Sequence[Measurements], names: Sequence[str] = ()) -> list[str]:
+    """Names of what was measured: given ones, or those of its tracks, each once."""
+    given = [*names, *[""] * (len(found) - len(names))]
+    chosen: list[str] = []
+    for one, name in zip(found, given, strict=True):
+        own = re.sub(r"[^\w .-]", "_", name or one.parameters.measurement.tracks) or "tracks"
+        free, number = own, 1
+        while free in chosen:
             number += 1
-            name = f"{own} {number}"
-        names.append(name)
-    return names
+            free = f"{own} {number}"
+        chosen.append(free)
+    return chosen
 
 
 def provenance_of(movie: Movie, found: dict[str, Measurements]) -> dict[str, Any]:

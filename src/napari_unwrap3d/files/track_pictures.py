@@ -24,6 +24,8 @@ SHOWN = 3
 TRACK_COLOUR, HEAD_COLOUR = "#111111", "#ffcc00"
 # Of the images in a report: an SVG holds every pixel.
 MOST_PIXELS = 400
+# Of more, only tails are drawn.
+MOST_HEADS = 300
 
 
 def draw_tracks(
@@ -75,13 +77,21 @@ def _smaller(image: Any) -> Floats:
 
 def _draw(axes: Axes, tracks: Tracks, timepoint: int, rows: int) -> None:
     """Heads at a timepoint and tails before it; a tail is cut where it crosses the seam."""
-    tail = max(1, round(TAIL * tracks.timepoints))
-    recent = (tracks.timepoint <= timepoint) & (tracks.timepoint >= timepoint - tail)
-    place = tracks.place_px
-    for track in np.unique(tracks.track_id[tracks.timepoint == timepoint]).tolist():
-        part = tracks.rows_of(track)
-        v, u = place[part][recent[part]].T
-        jump = np.flatnonzero((np.abs(np.diff(u)) > rows) | (np.abs(np.diff(v)) > rows / 2)) + 1
-        axes.plot(np.insert(u, jump, np.nan), np.insert(v, jump, np.nan), "-", color=TRACK_COLOUR)
-    v, u = place[tracks.timepoint == timepoint].T
-    axes.plot(u, v, "o", ms=4, mfc=HEAD_COLOUR, mec=TRACK_COLOUR, mew=0.7)
+    from matplotlib.collections import LineCollection
+
+    length = max(1, round(TAIL * tracks.timepoints))
+    there = np.isin(tracks.track_id, tracks.track_id[tracks.timepoint == timepoint])
+    recent = there & (tracks.timepoint <= timepoint) & (tracks.timepoint >= timepoint - length)
+    place, track = tracks.place_px[recent][:, ::-1], tracks.track_id[recent]
+    step = np.abs(np.diff(place, axis=0))
+    joined = (np.diff(track) == 0) & (step[:, 0] < rows) & (step[:, 1] < rows / 2)
+    tails = np.stack([place[:-1][joined], place[1:][joined]], axis=1)
+    heads = tracks.place_px[tracks.timepoint == timepoint]
+    few = len(heads) <= MOST_HEADS
+    axes.add_collection(
+        LineCollection(
+            list(tails), colors=TRACK_COLOUR, linewidths=1.2 if few else 0.5, rasterized=True
+        )
+    )
+    if few:
+        axes.plot(*heads.T[::-1], "o", ms=4, mfc=HEAD_COLOUR, mec=TRACK_COLOUR, mew=0.7)
