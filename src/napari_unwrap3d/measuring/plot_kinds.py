@@ -108,7 +108,7 @@ def styled(axes: Axes, colours: Mapping[str, str], x: str, y: str, title: str = 
     axes.set_xlabel(x, fontsize=FONT, color=text, labelpad=2)
     axes.set_ylabel(y, fontsize=FONT, color=text, labelpad=2)
     if title:
-        axes.set_title(title, fontsize=FONT, color=text, pad=3, loc="left")
+        axes.set_title(title, fontsize=FONT, color=text, pad=3, loc="left", wrap=True)
     for side, spine in axes.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color(line)
