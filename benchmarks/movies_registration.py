@@ -4,11 +4,11 @@
     .venv/bin/python benchmarks/movies_registration.py --seeds 10 --timepoints 8  # to try something
 
 Simulated blebbing cells drift by up to five voxels along each axis and turn by up to three
-degrees while blebs come and go, the dye bleaches by 30 %, and the microscope blurs and adds noise. The
-error of a timepoint is how far the body's middle is from where it belongs (registration-middle)
-and the angle by which the cell is turned too far (registration-angle); and, of both together, the
-largest displacement of any point of the body (registration-rigid). A voxel is one of the
-working grid.
+degrees while blebs come and go, the dye bleaches by 30 %, and the microscope blurs and adds
+noise. The error of a timepoint is how far the body's middle is from where it belongs
+(registration-middle) and the angle by which the cell is turned too far (registration-angle); and,
+of both together, the largest displacement of any point of the body (registration-rigid). A voxel
+is one of the working grid.
 Between the channels, the second one is recorded off its place by a known shift.
 """
 
