@@ -21,6 +21,7 @@ from .meshes import (
 )
 from .movies import Frame
 from .protrusions import MOTIFS, Protrusions
+from .tracks import FrameProtrusions, Tracks
 from .volumes import (
     AXES,
     LARGEST_ANISOTROPY,
@@ -42,6 +43,7 @@ __all__ = [
     "Direct",
     "Floats",
     "Frame",
+    "FrameProtrusions",
     "Ints",
     "LARGEST_ANISOTROPY",
     "LARGEST_VOXEL_UM",
@@ -58,6 +60,7 @@ __all__ = [
     "Surface",
     "TemporalMask",
     "Topography",
+    "Tracks",
     "TriangleMesh",
     "UV",
     "Volume",

@@ -14,12 +14,15 @@ Layout::
     annotations/                what was drawn on single timepoints, see :mod:`.movie_annotations`
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
     guides/00012.zip            there, the mesh that tells which place of its surface is which
+    protrusions/00012.zip       the protrusions of the timepoint
+    tracks/NAME.zip             tracks: "protrusions", "flow", or as they were named
     failures/00012.json         why the timepoint could not be made and is left out
 """
 
 from __future__ import annotations
 
 import json
+import re
 import shutil
 import tempfile
 import zipfile
@@ -28,7 +31,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from ..charts import Frame, Mask, Surface
+from ..charts import Frame, FrameProtrusions, Mask, Surface, Tracks
 from ..errors import FileFormatError, InputError
 from ..imaging.register import Registered
 from ..progress import Progress, silent
@@ -39,6 +42,8 @@ FORMAT = "napari-unwrap3d movie"
 SCHEMA_VERSION = 1
 COMMON = f"common{SUFFIX}"
 COMMON_RECORD = "common.json"
+TRACKS = "tracks"
+TRACKS_NAME = re.compile(r"[^\W\d_][\w .-]{0,63}")
 
 
 @dataclass(frozen=True)
@@ -179,6 +184,54 @@ class MovieFolder:
 
     def keep_guide(self, timepoint: int, key: str, guide: Surface) -> None:
         write_record(self._piece("guides", timepoint, ".zip"), {"guide": guide}, key, {})
+
+    # Protrusions and tracks --------------------------------------------------------
+
+    def protrusions(self, timepoint: int, key: str | None = None) -> FrameProtrusions | None:
+        """The protrusions of a timepoint, if they are there, for this key if one is given."""
+        path = self._piece("protrusions", timepoint, ".zip")
+        found = record_key(path)
+        if found is None or key not in (None, found):
+            return None
+        protrusions: FrameProtrusions = read_record(path)[0]["protrusions"]
+        return protrusions
+
+    def has_protrusions(self, timepoint: int, key: str) -> bool:
+        return record_key(self._piece("protrusions", timepoint, ".zip")) == key
+
+    def keep_protrusions(self, found: FrameProtrusions, key: str) -> None:
+        path = self._piece("protrusions", found.timepoint, ".zip")
+        write_record(path, {"protrusions": found}, key, found.numbers)
+
+    def track_names(self) -> list[str]:
+        """The names under which tracks were kept."""
+        return sorted(path.stem for path in (self.path / TRACKS).glob("*.zip"))
+
+    def tracks(self, name: str) -> Tracks | None:
+        """Tracks by their name, None without any."""
+        path = self._tracks(name)
+        if record_key(path) is None:
+            return None
+        tracks: Tracks = read_record(path)[0]["tracks"]
+        return tracks
+
+    def tracks_key(self, name: str) -> str | None:
+        """What tracks were made from; None without any."""
+        return record_key(self._tracks(name))
+
+    def keep_tracks(self, name: str, tracks: Tracks, key: str) -> None:
+        write_record(self._tracks(name), {"tracks": tracks}, key, tracks.numbers)
+
+    def drop_tracks(self, name: str) -> None:
+        self._tracks(name).unlink(missing_ok=True)
+
+    def _tracks(self, name: str) -> Path:
+        if not TRACKS_NAME.fullmatch(name):
+            raise InputError(
+                f"Tracks cannot be named {name!r}.",
+                hint="Use letters, digits, spaces, dots, - and _, and begin with a letter.",
+            )
+        return self.path / TRACKS / f"{name}.zip"
 
     def _piece(self, kind: str, timepoint: int, suffix: str) -> Path:
         return self.path / kind / f"{timepoint:05d}{suffix}"

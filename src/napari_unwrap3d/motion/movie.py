@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..atlas import Atlas
-from ..charts import Floats, Frame, Stack
+from ..charts import Floats, Frame, FrameProtrusions, Stack, Tracks
 from ..errors import InputError, Unwrap3DError
 from ..files.movie import MovieFolder, is_movie, unpack
 from ..parameters import Parameters
@@ -288,6 +288,66 @@ class Movie:
         self.__dict__.pop("common", None)
         self._frames.cache_clear()
         return self
+
+    # Protrusions and tracks --------------------------------------------------------
+
+    def protrusions(
+        self,
+        timepoint: int,
+        parameters: Parameters | None = None,
+        progress: Progress | None = None,
+    ) -> FrameProtrusions:
+        """The protrusions of a timepoint; found first if they are not there.
+
+        Parameters
+        ----------
+        timepoint : int
+        parameters : Parameters, optional
+            Those of the movie unless given.
+        progress : Progress, optional
+
+        Raises
+        ------
+        InputError
+            As :meth:`frame`.
+        """
+        from ..tracking.detections import protrusions_of
+
+        return protrusions_of(self, timepoint, parameters or self.parameters, progress)
+
+    @property
+    def track_names(self) -> tuple[str, ...]:
+        """The tracks that were kept, by name."""
+        return tuple(self.folder.track_names())
+
+    def tracks(self, name: str = "protrusions") -> Tracks:
+        """Tracks that were kept.
+
+        Raises
+        ------
+        InputError
+            There are none of this name.
+        """
+        found = self.folder.tracks(name)
+        if found is None:
+            raise InputError(
+                f"The movie has no tracks named {name!r}.",
+                tracks=list(self.track_names),
+                hint="Make them with track_protrusions or track_flow, or `napari-unwrap3d track`.",
+            )
+        return found
+
+    def keep_tracks(self, name: str, tracks: Tracks, key: str = "") -> None:
+        """Keep tracks in the movie's folder, instead of others of this name.
+
+        Parameters
+        ----------
+        name : str
+        tracks : Tracks
+        key : str
+            Hash of what they were made from.
+        """
+        self.folder.keep_tracks(name, tracks, key)
 
     # Tables ------------------------------------------------------------------------
 

@@ -16,10 +16,12 @@ from pydantic import Field, ValidationError
 from ..errors import ParameterError
 from .base import StepParameters, setting
 from .imaging import SealedParameters, StackParameters, SurfaceParameters
+from .measuring import MeasurementParameters
 from .movie import MovieParameters, RegistrationParameters
 from .protrusions import ProtrusionParameters
 from .refinement import RefinementParameters
 from .topographic import TopographicParameters
+from .tracking import BoxParameters, FlowParameters, TrackingParameters
 from .unwrapping import (
     DirectParameters,
     PlaneParameters,
@@ -32,7 +34,10 @@ from .unwrapping import (
 __all__ = [
     "PAPER",
     "PRESETS",
+    "BoxParameters",
     "DirectParameters",
+    "FlowParameters",
+    "MeasurementParameters",
     "MovieParameters",
     "Parameters",
     "PlaneParameters",
@@ -47,6 +52,7 @@ __all__ = [
     "SurfaceParameters",
     "TopographicParameters",
     "TopographyParameters",
+    "TrackingParameters",
     "UVParameters",
     "setting",
     "toml_value",
@@ -82,6 +88,12 @@ class Parameters(StepParameters):
         default_factory=RegistrationParameters, title="Registration"
     )
     movie: MovieParameters = Field(default_factory=MovieParameters, title="Movie")
+    tracking: TrackingParameters = Field(default_factory=TrackingParameters, title="Tracking")
+    boxes: BoxParameters = Field(default_factory=BoxParameters, title="Tracking of boxes")
+    flow: FlowParameters = Field(default_factory=FlowParameters, title="Flow")
+    measurement: MeasurementParameters = Field(
+        default_factory=MeasurementParameters, title="Measurements"
+    )
 
     @classmethod
     def preset(cls, name: str) -> Parameters:

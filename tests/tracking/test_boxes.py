@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import ParameterError
 from napari_unwrap3d.geometry.padding import pad_sphere
-from napari_unwrap3d.motion.boxes import Box, bounding_box
+from napari_unwrap3d.tracking.boxes import Box, bounding_box
 
 ROWS = 16
 IMAGE = np.arange(ROWS * 2 * ROWS).reshape(ROWS, 2 * ROWS)

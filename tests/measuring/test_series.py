@@ -8,14 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import AxesError, InputError
-from napari_unwrap3d.motion.boxes import Box
-from napari_unwrap3d.motion.series import (
+from napari_unwrap3d.measuring.series import (
     box_series,
     curvature_threshold,
     label_series,
     on_and_off,
     weighted_mean,
 )
+from napari_unwrap3d.tracking.boxes import Box
 
 ROWS = 32
 

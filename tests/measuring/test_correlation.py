@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import AxesError, InputError, ParameterError
-from napari_unwrap3d.motion.correlation import (
+from napari_unwrap3d.measuring.correlation import (
     autocorrelation,
     cross_correlation,
     first_side_lobe_s,

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import AxesError, ParameterError
-from napari_unwrap3d.motion.events import (
+from napari_unwrap3d.measuring.events import (
     Events,
     align,
     event_columns,

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 
 from napari_unwrap3d.errors import AxesError, ParameterError
-from napari_unwrap3d.motion.linking import Linked, link
+from napari_unwrap3d.tracking.linking import Linked, link
 
 
 def walkers(count: int = 5, timepoints: int = 12) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

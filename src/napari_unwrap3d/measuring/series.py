@@ -18,8 +18,8 @@ from skimage.filters import threshold_multiotsu
 
 from ..charts import Floats, Ints
 from ..errors import AxesError, InputError
+from ..tracking.boxes import Box
 from ..unwrapping.elements import region_means
-from .boxes import Box
 
 CURVATURE_CLASSES = 3
 LARGEST_SAMPLE = 500_000

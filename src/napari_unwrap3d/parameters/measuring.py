@@ -1,0 +1,76 @@
+"""Parameters of measurements: series, events, correlations and speeds of tracks."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from .base import Positive, StepParameters, setting
+from .movie import BLEBS, RUFFLES
+
+EVENTS = f"{BLEBS}, Bleb event alignment"
+CROSS = f"{RUFFLES}, Cross-correlation and curvature relationship"
+
+
+class MeasurementParameters(StepParameters):
+    """Measurements: what is sampled along tracks, and what is made of it."""
+
+    tracks: str = setting(
+        "protrusions", "Tracks", "Which tracks are measured: protrusions, flow, or a name."
+    )
+    fields: str = setting(
+        "all",
+        "Fields",
+        "Fields whose mean over each track's place is taken, by name and separated by commas; "
+        "all: the mean curvature and every signal.",
+    )
+    inside: str = setting(
+        "", "Inside", "Only tracks that stay inside this annotation; empty: everywhere."
+    )
+    outside: str = setting("", "Outside", "Only tracks that stay outside this annotation.")
+    share: float = setting(
+        1.0,
+        "Share of the life",
+        "For which part of its life a track must be inside (or outside).",
+        gt=0,
+        le=1,
+    )
+    event_series: Literal["area_um2", "height_max_um"] = setting(
+        "area_um2", "Events of", "The series whose peaks are events.", source=EVENTS
+    )
+    prominence: float = setting(
+        0.5,
+        "Prominence",
+        "By how much a peak stands out, in the unit of the series.",
+        source=EVENTS,
+        ge=0,
+    )
+    distance_s: float = setting(
+        3.6, "Distance", "Least time between two events.", unit="s", source=EVENTS, ge=0
+    )
+    smoothing: int = setting(
+        3, "Smoothing", "Timepoints of the moving average (odd).", source=EVENTS, ge=1
+    )
+    window_s: Positive = setting(
+        17.5, "Window", "How long before and after an event is shown.", unit="s", source=EVENTS
+    )
+    longest_lag_s: Positive = setting(
+        60.0, "Longest lag", "Of the correlations.", unit="s", source=CROSS
+    )
+    correlate: str = setting(
+        "",
+        "Correlated fields",
+        "Two fields whose correlation in time is taken along every track, separated by a comma; "
+        "empty: the mean curvature and the first signal.",
+        source=CROSS,
+    )
+    plane: str = setting(
+        "",
+        "Plane",
+        "An annotation, such as the cell's flat bottom: speeds are also measured along the plane "
+        "fitted to it; empty: along the surface only.",
+        source=f"{RUFFLES}, Retrograde actin flow and mean ruffle travel speed",
+    )
+    speed_bins: int = setting(25, "Bins of speed", "Of the histogram.", source=CROSS, ge=3)
+    fastest_um_per_min: Positive = setting(
+        10.0, "Fastest", "Upper end of the histogram of speeds.", unit="µm/min", source=CROSS
+    )

@@ -1,0 +1,1 @@
+"""Tracking: protrusions and regions of the surface, followed over time."""
