@@ -108,8 +108,7 @@ def unwrapped(
     truth = unwrap3d.simulate.movie(kind, seed, timepoints=timepoints, **arguments)
     chosen = {"uv": {"rows": rows}, "stack": {"threshold": "edge"}} | (groups or {})
     parameters = unwrap3d.Parameters.from_dict(chosen)
-    # Not of parameters that come later than the unwrapping.
-    key = content_hash(truth.key, chosen)[:12]
+    key = content_hash(truth.key, parameters.model_dump_json(exclude=AFTERWARDS))[:12]
     cache = Path(os.environ.get("UNWRAP3D_BENCH_CACHE", HERE / "cache"))
     folder = cache / f"{kind}-{seed}-{key}"
     if not (folder / DONE).exists():

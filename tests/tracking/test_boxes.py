@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from napari_unwrap3d.errors import ParameterError
 from napari_unwrap3d.geometry.padding import pad_sphere
-from napari_unwrap3d.tracking.boxes import Box, bounding_box
+from napari_unwrap3d.tracking.boxes import Box, bounding_box, bounding_boxes, overlaps
 
 ROWS = 16
 IMAGE = np.arange(ROWS * 2 * ROWS).reshape(ROWS, 2 * ROWS)
@@ -84,3 +84,26 @@ def test_nothing_has_no_box() -> None:
         bounding_box(np.zeros((ROWS, 2 * ROWS), bool))
     with pytest.raises(ParameterError, match="at least one row"):
         Box(3, 0, 3, 4)
+
+
+@given(st.lists(boxes, min_size=1, max_size=4), st.lists(boxes, min_size=1, max_size=4))
+def test_all_overlaps_at_once_are_those_one_by_one(few: list[Box], others: list[Box]) -> None:
+    found = overlaps(few, others, ROWS)
+    one_by_one = np.array([[box.iou(other, ROWS) for other in others] for box in few])
+    # One by one, of two images of a box that both share something the nearer one counts.
+    assert (found >= one_by_one - 1e-12).all()
+    near = np.array([[box.iou(other, ROWS) > 0 for other in others] for box in few])
+    np.testing.assert_array_equal((found > 0) >= near, True)
+    np.testing.assert_allclose(overlaps(few, few, ROWS).diagonal(), 1.0)
+
+
+def test_every_label_has_its_box() -> None:
+    labels = np.zeros((ROWS, 2 * ROWS), np.int32)
+    labels[3:5, 30:] = labels[3:5, :2] = 4  # over the seam
+    labels[:2, 6:9] = labels[:2, 6 + ROWS : 9 + ROWS] = 2  # over the north pole
+    found = bounding_boxes(labels)
+    assert list(found) == [2, 4]
+    for label, box in found.items():
+        assert box == bounding_box(labels == label)
+        np.testing.assert_array_equal(box.inside(ROWS), labels == label)
+    assert bounding_boxes(np.zeros_like(labels)) == {}

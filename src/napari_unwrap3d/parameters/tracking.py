@@ -22,6 +22,15 @@ class TrackingParameters(StepParameters):
         "paper's way).",
         source=BOXES,
     )
+    followed_part: float = setting(
+        0.4,
+        "Followed from",
+        "A protrusion is followed while it is at least by this part as high and as wide as the "
+        "smallest height and area of protrusions ask for (protrusions.method = cortex); a track "
+        "that is never as high and as wide as these is left out. 1: only what is.",
+        gt=0,
+        le=1,
+    )
     longest_step_um: Positive = setting(
         1.5,
         "Longest step",
@@ -93,6 +102,23 @@ class BoxParameters(StepParameters):
     field: str = setting(
         "mean_curvature_per_um", "Field", "What the flow is computed from.", source=BOXES
     )
+    window_um: Positive | None = setting(
+        None,
+        "Window",
+        "Over what length motion is taken to be the same (flow = farneback); empty: a sixteenth "
+        "of the image's height.",
+        unit="µm",
+    )
+    clipped_percent: float = setting(
+        0.5,
+        "Clipped values",
+        "How many percent of the values are shown as black, and as many as white, in the 8-bit "
+        "images that the flow is computed from. The paper takes the extremes: 0.",
+        unit="%",
+        source=BOXES,
+        ge=0,
+        lt=50,
+    )
     least_iou: float = setting(
         0.25,
         "Least overlap",
@@ -126,17 +152,45 @@ class FlowParameters(StepParameters):
     """Flow: regions of the surface that are carried by the optical flow of a field."""
 
     field: str = setting(
-        "mean_curvature_per_um", "Field", "What is followed on the uv images.", source=ROIS
+        "mean_curvature_per_um",
+        "Field",
+        "What is followed on the uv images; a ratio is written as two names with a slash, such "
+        "as signal_actin/signal_CyOFP1.",
+        source=ROIS,
+    )
+    smoothing_s: float = setting(
+        0.0,
+        "Average over time",
+        "Full width at half maximum of a moving average of the images over time, before the flow "
+        "is computed: patterns that travel farther than their own size in it vanish, and what is "
+        "left is the flow of slower ones. 0: none.",
+        unit="s",
+        ge=0,
     )
     method: Literal["farneback", "dis"] = setting(
-        "farneback", "Optical flow", "How motion between two images is found.", source=ROIS
+        "dis",
+        "Optical flow",
+        "How motion between two images is found: dense inverse search, which is smooth along "
+        "ridges, where nothing tells how far they move; or as the paper does it, by polynomial "
+        "expansion (Farnebäck).",
+        source=ROIS,
     )
     window_um: Positive | None = setting(
         None,
         "Window",
-        "Over what length motion is taken to be the same; empty: a sixteenth of the image's "
-        "height.",
+        "Over what length motion is taken to be the same (method = farneback); empty: a "
+        "sixteenth of the image's height.",
         unit="µm",
+    )
+    clipped_percent: float = setting(
+        0.5,
+        "Clipped values",
+        "How many percent of the values are shown as black, and as many as white, in the 8-bit "
+        "images that the flow is computed from. The paper takes the extremes: 0.",
+        unit="%",
+        source=ROIS,
+        ge=0,
+        lt=50,
     )
     regions: int = setting(
         1000, "Regions", "How many regions the image begins with.", source=ROIS, ge=4, le=20000
@@ -144,12 +198,27 @@ class FlowParameters(StepParameters):
     coverage: float = setting(
         0.5,
         "Least coverage",
-        "A new region begins where a region's place at the beginning holds fewer than this many "
-        "times one.",
+        "A new region begins at a place of the first regions where less than this part of it is "
+        "covered.",
         source=ROIS,
         gt=0,
         le=1,
     )
+    least_distance: float = setting(
+        0.25,
+        "Least distance",
+        "A region ends where it comes nearer to an older one than this many times its own width; "
+        "0: never.",
+        ge=0,
+        le=1,
+    )
     least_lifetime_s: float = setting(
         0.0, "Shortest lifetime", "Regions that last less long are left out.", unit="s", ge=0
+    )
+    plane: str = setting(
+        "",
+        "Plane",
+        "Annotation of a flat part of the cell, such as its bottom: speeds are projected on the "
+        "plane that is fitted to it, too. Empty: they are not.",
+        source=RUFFLES,
     )

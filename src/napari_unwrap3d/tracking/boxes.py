@@ -7,6 +7,7 @@ its pixels are looked up on the sphere, so that no box ends at a border.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -105,6 +106,42 @@ def _images(box: Box, rows: int) -> list[Box]:
     return [box, *over]
 
 
+def overlaps(boxes: Sequence[Box], others: Sequence[Box], rows: int) -> Floats:
+    """Intersection over union (n, m) of every box with every other, wherever they are written."""
+    here = _corners([image for box in boxes for image in _images(box, rows)])
+    there = _corners(others)
+    here = here.reshape(len(boxes), 1, 3, 4)
+    there = there.reshape(1, len(others), 1, 4)
+    # Of the images of a box, and whole turns of them, the one that shares most counts.
+    turns = np.rint((_middle(there) - _middle(here)) / (2 * rows)) * 2 * rows
+    height = _shared(here[..., 0], here[..., 2], there[..., 0], there[..., 2])
+    width = _shared(here[..., 1] + turns, here[..., 3] + turns, there[..., 1], there[..., 3])
+    shared = (height * width).max(axis=2)
+    found: Floats = shared / (_areas(here)[..., 0] + _areas(there)[..., 0] - shared)
+    return found
+
+
+def _corners(boxes: Sequence[Box]) -> Floats:
+    corners = [(box.top, box.left, box.bottom, box.right) for box in boxes]
+    return np.array(corners, np.float64).reshape(-1, 4)
+
+
+def _middle(corners: Floats) -> Floats:
+    middle: Floats = (corners[..., 1] + corners[..., 3]) / 2
+    return middle
+
+
+def _areas(corners: Floats) -> Floats:
+    area: Floats = (corners[..., 2] - corners[..., 0]) * (corners[..., 3] - corners[..., 1])
+    return area
+
+
+def _shared(low: Floats, high: Floats, other_low: Floats, other_high: Floats) -> Floats:
+    """How long two intervals lie over each other."""
+    shared: Floats = np.maximum(np.minimum(high, other_high) - np.maximum(low, other_low), 0.0)
+    return shared
+
+
 def bounding_box(region: npt.NDArray[np.bool_]) -> Box:
     """The smallest box around a region (N, 2N), over the seam or over a pole where that is smaller.
 
@@ -113,8 +150,23 @@ def bounding_box(region: npt.NDArray[np.bool_]) -> Box:
     ParameterError
         The region is empty.
     """
-    rows = region.shape[0]
     v, u = np.nonzero(region)
+    return box_of_pixels(v, u, region.shape[0])
+
+
+def bounding_boxes(labels: npt.NDArray[np.integer[Any]]) -> dict[int, Box]:
+    """The box of every label of an image (N, 2N), by label; 0 is no label."""
+    v, u = np.nonzero(labels)
+    present, first = np.unique(labels[v, u], return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    parts = np.split(order, np.searchsorted(first[order], np.arange(1, len(present))))
+    rows = labels.shape[0]
+    named = zip(present.tolist(), parts, strict=False)
+    return {label: box_of_pixels(v[part], u[part], rows) for label, part in named}
+
+
+def box_of_pixels(v: Ints, u: Ints, rows: int) -> Box:
+    """The smallest box around pixels (n,) of an image with N rows; see :func:`bounding_box`."""
     if len(v) == 0:
         raise ParameterError("An empty region has no box.")
     candidates = [_around_seam(v, u, rows)]

@@ -26,6 +26,12 @@ FONT = 7
 LINE, CHOSEN = "#42a5f5", "#ffa000"
 
 
+def theme_colours(viewer: Any) -> dict[str, str]:
+    """Colours of a plot in the theme of a viewer: "background", "text" and "secondary"."""
+    theme = get_theme("dark" if viewer is None else viewer.theme)
+    return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
+
+
 class Plot(QWidget):
     """A figure that follows the viewer's theme. It is made when there is something to draw."""
 
@@ -91,9 +97,7 @@ class Plot(QWidget):
         raise NotImplementedError
 
     def _colours(self) -> dict[str, str]:
-        viewer = self.session.viewer
-        theme = get_theme("dark" if viewer is None else viewer.theme)
-        return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
+        return theme_colours(self.session.viewer)
 
     @staticmethod
     def style(axes: Any, colours: dict[str, str], title: str, where: str = "center") -> None:
