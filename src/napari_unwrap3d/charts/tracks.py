@@ -262,7 +262,8 @@ class Tracks:
             "into": _partner(self.ids, self.merges),
         }
         own = {*NEEDED, *PLACE, *BOX}
-        rows = pd.DataFrame({k: v for k, v in self.columns.items() if k not in own})
+        more = {k: v for k, v in self.columns.items() if k not in own}
+        rows = pd.DataFrame(more, index=range(len(self)))
         means = rows.select_dtypes("number").groupby(self.track_id).mean()
         means = means.add_prefix("mean_").reset_index(drop=True)
         return pd.concat([pd.DataFrame(table), means], axis=1)
