@@ -11,6 +11,7 @@ from napari_unwrap3d.charts import Tracks
 from napari_unwrap3d.errors import InputError, ParameterError
 from napari_unwrap3d.fields import CURVATURE
 from napari_unwrap3d.measuring.analysis import measure_tracks
+from napari_unwrap3d.measuring.fields import image_of
 from napari_unwrap3d.measuring.still import still_tracks
 
 SPACE = ("z_um", "y_um", "x_um")
@@ -103,6 +104,37 @@ def test_places_that_do_not_move_are_everywhere_and_as_large(movie: Movie) -> No
     np.testing.assert_array_equal(still_tracks(movie, 60).track_id, found.tracks.track_id)
 
 
+def test_ratios_of_signals_are_fields(movie: Movie) -> None:
+    frame = movie.frame(0)
+    signals = {"signal_a_per_b": 6.0, "signal_c": 2.0, "signal_a": 5.0}
+    uv = {name: np.full(movie.common.uv.shape, value) for name, value in signals.items()}
+    known = replace(frame, uv=uv)
+    assert (image_of(known, "signal_a_per_b_per_c") == 3.0).all()
+    assert (image_of(known, "signal_a_per_c") == 2.5).all()
+    uv["signal_c"][:] = 0.0
+    assert np.isnan(image_of(known, "signal_a_per_c")).all()
+    with pytest.raises(ParameterError, match="no field"):
+        image_of(known, "signal_per_d")
+
+
+def test_only_tracks_in_an_annotation_are_measured(movie: Movie) -> None:
+    annotations = movie.common.annotations
+    if "half" not in annotations.names:
+        annotations.add("half")
+        image = np.zeros(movie.common.uv.shape, bool)
+        image[: len(image) // 2] = True
+        annotations.draw("half", "uv", np.nonzero(image), 1)
+    tracks = still_tracks(movie, 40)
+    inside, outside = (
+        measure_tracks(movie, tracks, chosen(**{side: "half"})).tracks
+        for side in ("inside", "outside")
+    )
+    assert len(inside.ids)
+    assert len(outside.ids)
+    assert inside.place_px[:, 0].max() < outside.place_px[:, 0].min()
+    assert set(inside.ids) | set(outside.ids) == set(tracks.ids)
+
+
 def test_annotations_are_measured_too(movie: Movie) -> None:
     annotations = movie.common.annotations
     if "cap" not in annotations.names:
@@ -134,6 +166,8 @@ def test_what_is_not_there_is_refused(movie: Movie) -> None:
         measure_tracks(movie, tracks, chosen(fields="colour"))
     with pytest.raises(ParameterError, match="Two fields"):
         measure_tracks(movie, tracks, chosen(correlate=CURVATURE))
+    with pytest.raises(ParameterError, match="no ratio"):
+        measure_tracks(movie, tracks, chosen(fields=f"{CURVATURE}/{CURVATURE}"))
     with pytest.raises(ParameterError, match="annotation"):
         measure_tracks(movie, tracks, chosen(regions="nowhere"))
     with pytest.raises(InputError, match="no tracks named"):
