@@ -175,6 +175,7 @@ def test_one_file_is_a_whole_analysis(tmp_path: Path) -> None:
     outside = read_tracks(output / "tracks" / "elsewhere.geff")
     assert 0 < len(outside.ids) < len(everything.ids)
     assert set(made.track_names) == {"protrusions", "elsewhere"}
+    assert (output / "analysis.toml").read_text() == ANALYSIS
     told = json.loads((output / "provenance.json").read_text())["measured"]
     gaps = [told[name]["parameters"]["tracking"]["gap_s"] for name in ("protrusions", "elsewhere")]
     assert gaps == [Parameters().tracking.gap_s, 2.0]
