@@ -21,7 +21,8 @@ mean      A function of the place in space is given to the vertices of the surfa
           it is the mean that does not allow for the distortion.
 corr.     The actin of a simulated lamella is correlated with the curvature over time at every
           place of its upper side, by a number that is set: .2 or .5. Found: the mean correlation
-          at places that do not move, in an annotation of that upper side, and its interval.
+          of the curvature with the ratio of actin to the diffuse dye (as in the paper's Fig. 5), at
+          places that do not move and are always on that upper side, and its interval.
 time      CPU time of tracking and measuring 200 frames of 512 x 256 pixels with 100 protrusions in
           each; the frames are those of a movie, over and over, and the protrusions are made up.
 """
@@ -59,7 +60,7 @@ PARTS = ("events", "lag", "mean", "correlation", "time")
 BLEBS, RUFFLES = 50, 30
 PAIRED_S = 6.0
 CORRELATIONS = (0.2, 0.5)
-SIGNAL, ACTIN = "signal_septin", "signal_actin"
+SIGNAL, ACTIN = "signal_septin", "signal_actin/signal_CyOFP1"
 CURVATURE = "mean_curvature_per_um"
 
 EVENTS_BAR = Bar(0.05, "of the number of events, off")
@@ -87,9 +88,11 @@ def measured_blebs(seed: int) -> tuple[Unwrapped, Tracks, unwrap3d.Measurements]
     """A movie of blebs, its tracks and what is measured along them."""
     case = unwrapped("blebs", seed, BLEBS)
     tracks = track_protrusions(case.movie)
-    parameters = case.movie.parameters
-    chosen = parameters.measurement.model_copy(update={"correlate": f"{CURVATURE}, {SIGNAL}"})
-    parameters = parameters.model_copy(update={"measurement": chosen})
+    # Those of the movie may have been kept before the defaults of measurements changed.
+    chosen = unwrap3d.Parameters.from_dict(
+        {"measurement": {"correlate": f"{CURVATURE}, {SIGNAL}"}}
+    ).measurement
+    parameters = case.movie.parameters.model_copy(update={"measurement": chosen})
     return case, tracks, measure_tracks(case.movie, tracks, parameters)
 
 

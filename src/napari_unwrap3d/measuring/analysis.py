@@ -10,13 +10,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..charts import Floats, Tracks
-from ..errors import InputError, ParameterError
-from ..fields import CURVATURE, SIGNAL
-from ..motion.uv_stacks import check_field, field_names
+from ..errors import InputError
 from ..parameters import MeasurementParameters, Parameters
 from ..pipeline import ProgressLike
 from ..progress import Progress
 from ..provenance import environment
+from ..tracking.gating import Side, gated
 from ..tracking.velocities import (
     LATERAL,
     SPEED,
@@ -34,6 +33,7 @@ from .correlation import (
     relationship,
 )
 from .events import Events, event_columns, find_events
+from .fields import correlated_fields, fields_of, names_in
 from .measurements import Measurements
 from .places import Places, places_of
 from .sampling import Sampled, sample
@@ -45,7 +45,6 @@ if TYPE_CHECKING:
 
     from ..motion.movie import Movie
 
-ALL = "all"
 AREA, ON_AREA, HEIGHT = "area_um2", "on_area_um2", "height_max_um"
 # The paper's range of mean curvatures is widened to this part of what there is.
 MIDDLE_PERCENT = (1.0, 99.0)
@@ -116,59 +115,13 @@ def _named_tracks(movie: Movie, chosen: MeasurementParameters, progress: Progres
 
 def gated_tracks(movie: Movie, tracks: Tracks, parameters: Parameters) -> Tracks:
     """The tracks that stay inside and outside of the annotations that the parameters name."""
-    from ..tracking.gating import gated
-
     chosen = parameters.measurement
-    for side, name in (("inside", chosen.inside), ("outside", chosen.outside)):
+    sides: tuple[tuple[Side, str], ...] = (("inside", chosen.inside), ("outside", chosen.outside))
+    for side, name in sides:
         if name:
-            kept = gated(movie, tracks, name, side=side, share=chosen.share)  # type: ignore[arg-type]
+            kept = gated(movie, tracks, name, side=side, share=chosen.share)
             tracks = tracks.kept(kept.tolist())
     return tracks
-
-
-def names_in(text: str) -> tuple[str, ...]:
-    """Names that are separated by commas."""
-    return tuple(dict.fromkeys(name for item in text.split(",") if (name := item.strip())))
-
-
-def fields_of(movie: Movie, chosen: MeasurementParameters) -> tuple[str, ...]:
-    """The fields whose means are taken.
-
-    Raises
-    ------
-    ParameterError
-        The movie has no such field.
-    """
-    if chosen.fields.strip() == ALL:
-        there = field_names(movie)
-        return tuple(name for name in there if name == CURVATURE or name.startswith(SIGNAL))
-    names = names_in(chosen.fields)
-    for name in names:
-        check_field(movie, name)
-    return names
-
-
-def correlated_fields(movie: Movie, chosen: MeasurementParameters) -> tuple[str, ...]:
-    """The two fields that are correlated; empty where the movie has no signal.
-
-    Raises
-    ------
-    ParameterError
-        They are not two, or the movie has no such field.
-    """
-    names = names_in(chosen.correlate)
-    if not names:
-        signals = [name for name in field_names(movie) if name.startswith(SIGNAL)]
-        return (CURVATURE, signals[0]) if signals else ()
-    if len(names) != 2:
-        raise ParameterError(
-            "Two fields are correlated.",
-            got=chosen.correlate,
-            hint="Write measurement.correlate as mean_curvature_per_um, signal_septin.",
-        )
-    for name in names:
-        check_field(movie, name)
-    return names
 
 
 def _with_speeds(
@@ -254,15 +207,22 @@ class _Analysis:
         found = {}
         for track, values in zip(self.tracks.ids.tolist(), self.series[name], strict=True):
             time = self.tracks.timepoint[self.tracks.rows_of(track)]
-            course = self._course(values, int(time[0]), int(time[-1]))
+            first, last = int(time[0]), int(time[-1])
             found[track] = find_events(
-                course,
+                self._course(values, first, last),
                 self.step_s,
                 prominence=chosen.prominence,
                 distance_s=chosen.distance_s,
                 smoothing=chosen.smoothing,
+                # What is there at the first or last timepoint was, or will be, there beyond it.
+                cut=(self._own and first == 0, self._own and last == self.tracks.timepoints - 1),
             )
         return found
+
+    @property
+    def _own(self) -> bool:
+        """Whether events are those of a protrusion itself, and not of the box around it."""
+        return self.places.kind == "protrusion" and self.event_series != AREA
 
     def _course(self, values: Floats, first: int, last: int) -> Floats:
         """The series in which events are looked for: that of the track's life.
@@ -270,8 +230,7 @@ class _Analysis:
         Before its first and after its last timepoint a protrusion has neither area nor height;
         a box or a region has what lies there, which is not the track's.
         """
-        own = self.places.kind == "protrusion" and self.event_series != AREA
-        outside = 0.0 if own else np.nan
+        outside = 0.0 if self._own else np.nan
         course = np.full(len(values), outside)
         course[first : last + 1] = values[first : last + 1]
         return course

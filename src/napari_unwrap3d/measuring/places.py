@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -158,7 +158,7 @@ def _squares(movie: Movie, tracks: Tracks, chosen: MeasurementParameters) -> Flo
     """
     middle = tracks.place_px
     known = np.isfinite(middle).all(axis=1)
-    if not known.any():
+    if len(tracks) and not known.any():
         raise InputError(
             "The tracks have no place on the surface.",
             hint="Lay them on the surface when they are imported.",
@@ -222,13 +222,3 @@ def _lengthened(places: Places, tracks: Tracks, beyond: int) -> Places:
         alive,
         places.kind,
     )
-
-
-def boxes_of(places: Places) -> Mapping[int, Mapping[int, Box]]:
-    """Track → timepoint → box."""
-    found: dict[int, dict[int, Box]] = {}
-    known = np.isfinite(places.corners).all(axis=1)
-    for row in np.flatnonzero(known).tolist():
-        track, time = int(places.track_id[row]), int(places.timepoint[row])
-        found.setdefault(track, {})[time] = Box(*np.rint(places.corners[row]).tolist())
-    return found

@@ -22,8 +22,9 @@ from ..parameters import Parameters
 from ..progress import Progress
 from ..unwrapping.elements import region_means
 from ..unwrapping.uv import direction_to_uv
+from .bending import curvature_threshold
+from .fields import image_of
 from .places import Places
-from .series import curvature_threshold
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
@@ -120,7 +121,7 @@ class Spots:
 
     def add(self, frame: Frame) -> None:
         for name, values in self.values.items():
-            values[:, frame.timepoint] = frame.uv[name][self.pixels]
+            values[:, frame.timepoint] = image_of(frame, name)[self.pixels]
 
 
 @dataclass(eq=False)
@@ -145,7 +146,7 @@ class TrackSums:
         rows = self.places.at(frame.timepoint)
         if len(rows) == 0:
             return
-        images = [frame.uv[name] for name in self.fields]
+        images = [image_of(frame, name) for name in self.fields]
         sums = self._sums(frame, np.reshape(images, (-1, *frame.uv[AREA].shape)), rows)
         everywhere = np.ones(len(rows), bool)
         self._put("", sums, rows, None, everywhere)
@@ -201,7 +202,9 @@ class RegionSums:
             labels = np.asarray(image).astype(np.int64)
             size = np.bincount(labels.ravel(), areas.ravel())
             count = np.bincount(labels.ravel())
-            means = {name: region_means(frame.uv[name], labels, areas) for name in self.fields}
+            means = {
+                name: region_means(image_of(frame, name), labels, areas) for name in self.fields
+            }
             for label in np.flatnonzero(count).tolist():
                 if label:
                     self._rows.append(

@@ -28,7 +28,7 @@ class MeasurementParameters(StepParameters):
         "all",
         "Fields",
         "Fields whose mean over each track's place is taken, by name and separated by commas; "
-        "all: the mean curvature and every signal.",
+        "all: the mean curvature and every signal; a ratio is written as signal_a/signal_b.",
     )
     on: Literal["protrusion", "curvature"] = setting(
         "protrusion",
@@ -98,7 +98,8 @@ class MeasurementParameters(StepParameters):
         "",
         "Correlated fields",
         "Two fields whose correlation in time is taken along every track, separated by a comma; "
-        "empty: the mean curvature and the first signal.",
+        "empty: the mean curvature and the first signal. A ratio is written as "
+        "signal_a/signal_b: to a diffuse marker, what the shape alone does to a signal is gone.",
         source=CROSS,
     )
     plane: str = setting(

@@ -13,16 +13,6 @@ if TYPE_CHECKING:
     from ..motion.movie import Movie
 
 
-def is_registered(movie: Movie) -> bool:
-    """Whether some timepoint was moved, so that the two worlds differ."""
-    poses = (movie.folder.registered(timepoint) for timepoint in range(len(movie)))
-    points = np.eye(3)
-    return any(
-        found is not None and not np.allclose(found.pose.apply(points), points, atol=1e-9)
-        for found in poses
-    )
-
-
 def in_common_world(movie: Movie, tracks: Tracks) -> Tracks:
     """Move tracks that were made on the stack to where the movie was registered.
 
