@@ -241,7 +241,7 @@ def measure(seeds: tuple[int, ...], timepoints: int, methods: tuple[str, ...]) -
             tracks = track_protrusions(case.movie, parameters)
             seconds = time.process_time() - start
             who = identities(case, parameters)
-            gap = max(int(parameters.tracking.gap_s / case.movie.time_step_s + 1e-9) - 1, 0)
+            gap = int(parameters.tracking.gap_s / case.movie.time_step_s + 1e-9)
             found = links(case, tracks, who, gap)
             for name, entry in found.items():
                 entries[f"tracks/{name}-{method}/blebs-{seed}"] = entry

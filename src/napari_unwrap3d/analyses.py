@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from .measuring.measurements import Measurements
     from .motion.movie import Movie
 
-MOVIE_FOLDER = "movie"
+MOVIE_FOLDER, ANALYSIS = "movie", "analysis.toml"
 # Groups of parameters that tracks depend on.
 TRACKED = ("tracking", "boxes", "flow")
 SIMULATED_VOXEL_UM = (0.3, 0.15, 0.15)
@@ -126,6 +126,8 @@ class Analysis(_Table):
     tables : "csv" or "parquet"
     folder : path
         Where relative paths begin.
+    text : str
+        The file as it was read.
     """
 
     title: str = ""
@@ -137,6 +139,7 @@ class Analysis(_Table):
     formats: tuple[Literal[".geff", ".csv", ".parquet", ".xml"], ...] = (".geff", ".csv", ".xml")
     tables: Literal["csv", "parquet"] = "csv"
     folder: Path = Path()
+    text: str = ""
 
     @classmethod
     def from_toml(cls, path: str | Path) -> Analysis:
@@ -149,8 +152,8 @@ class Analysis(_Table):
         """
         path = Path(path)
         try:
-            values = tomllib.loads(path.read_text(encoding="utf-8"))
-            read = cls(**{**values, "folder": path.parent})
+            text = path.read_text(encoding="utf-8")
+            read = cls(**{**tomllib.loads(text), "folder": path.parent, "text": text})
         except tomllib.TOMLDecodeError as error:
             raise ParameterError(f"{path.name!r} is not valid TOML: {error}.") from None
         except ValidationError as error:
@@ -266,6 +269,7 @@ def run_analysis(
         title=analysis.title or movie.name,
         track_suffixes=analysis.formats,
         table_suffix=f".{analysis.tables}",
+        texts={ANALYSIS: analysis.text} if analysis.text else None,
         progress=progress.named("report"),
     )
     return found

@@ -193,6 +193,35 @@ def test_a_csv_without_its_json_keeps_rows_times_and_links(tmp_path: Path) -> No
         np.testing.assert_array_equal(found.columns[name], tracks.columns[name], err_msg=name)
 
 
+def test_a_csv_that_a_spreadsheet_saved_again_is_read(tmp_path: Path) -> None:
+    tracks = rich_tracks()
+    path = write_tracks(tmp_path / "tracks.csv", tracks)
+    table = pd.read_csv(path, keep_default_na=False, na_values={"area_um2": ["nan"]})
+    table["label"] = table["label"].astype(float)
+    table[table["track_id"] != 2].to_csv(path, index=False)
+    found = read_tracks(path)
+    assert_same(
+        replace(found, splits=tracks.kept([1, 3, 4, 5, 7]).splits), tracks.kept([1, 3, 4, 5, 7])
+    )
+    assert found.splits.tolist() == [[3, 5]]
+    assert found.numbers["provenance"]["links_of_missing_tracks"] == 1
+    table["label"] = "three"
+    table.to_csv(path, index=False)
+    with pytest.raises(FileFormatError, match="label"):
+        read_tracks(path)
+
+
+def test_times_alone_are_timepoints(tmp_path: Path) -> None:
+    path = tmp_path / "times.csv"
+    rows = [f"1,{1.21 * k!r},0,0,0" for k in (2, 3, 4, 7)] + ["2,3.6300000000000003,1,1,1"]
+    path.write_text("\n".join(["track_id,time_s,z_um,y_um,x_um", *rows]))
+    found = read_tracks(path)
+    assert found.timepoint.tolist() == [2, 3, 4, 7, 3]
+    assert found.time_step_s == pytest.approx(1.21)
+    with pytest.raises(FileFormatError, match="whole number"):
+        read_tracks(path, time_step=1.0)
+
+
 def test_tables_of_other_programs_are_understood(tmp_path: Path) -> None:
     path = tmp_path / "spots.csv"
     lines = [

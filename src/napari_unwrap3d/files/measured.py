@@ -54,6 +54,7 @@ def write_measured(
     track_suffixes: Sequence[str] = (".geff", ".csv", ".xml"),
     table_suffix: str = ".csv",
     report: bool = True,
+    texts: Mapping[str, str] | None = None,
     progress: Progress | None = None,
 ) -> list[Path]:
     """Write tracks, tables, numbers and reports of what was measured.
@@ -76,6 +77,8 @@ def write_measured(
         ``.csv`` or ``.parquet``.
     report : bool
         Whether figures are drawn, too.
+    texts : mapping of str to str, optional
+        Further files by their names, such as what was asked for.
     progress : Progress, optional
 
     Returns
@@ -84,7 +87,8 @@ def write_measured(
     """
     told = progress or silent()
     named = dict(zip(entry_names(found, names), found, strict=True))
-    written_before = (TRACKS, INDEX, PROVENANCE, *named)
+    further = texts or {}
+    written_before = (TRACKS, INDEX, PROVENANCE, *named, *further)
     with replacing_folder(folder, written_before) as partial:
         for index, (name, one) in enumerate(named.items()):
             told(index / len(named), f"writing {name}")
@@ -96,6 +100,8 @@ def write_measured(
                 pictures = {PICTURE.format(name): draw_tracks(movie, one.tracks)}
                 write_report(one, partial / name, title=heading, pictures=pictures)
             _write_tables(one, partial / name / TABLES, table_suffix)
+        for name, text in further.items():
+            write_text(partial / name, text)
         write_json(partial / PROVENANCE, provenance_of(movie, named))
         if report:
             write_text(partial / INDEX, _index(title or movie.name, named))

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ..charts import Ints, Tracks
-from ..charts.tracks import NEEDED, TIMEPOINT
+from ..charts.tracks import NEEDED, TIMEPOINT, TRACK
 from ..errors import FileFormatError, InputError
 from ..provenance import environment
 from .atomic import from_plain, plain
@@ -113,30 +113,61 @@ def restored(record: Mapping[str, Any], columns: Mapping[str, npt.ArrayLike]) ->
     missing = [name for name in record["columns"] if name not in columns]
     if missing:
         raise FileFormatError("The file lacks columns that it should have.", missing=missing)
-    typed = {name: cast(columns[name], kind) for name, kind in record["columns"].items()}
-    numbers = from_plain(dict(record["numbers"]))
+    typed = {name: _typed(name, columns[name], kind) for name, kind in record["columns"].items()}
+    there = np.unique(typed[TRACK])
+    splits, merges = (_pairs(record[name]) for name in ("splits", "merges"))
+    told = from_plain(dict(record[PROVENANCE]))
+    kept = [np.isin(pairs, there).all(axis=1) for pairs in (splits, merges)]
+    lost = sum(int((~each).sum()) for each in kept)
+    if lost:
+        # Rows were taken out of the table since it was written.
+        told = {**told, "links_of_missing_tracks": lost}
     return Tracks.of(
         typed,
         time_step_s=float(record["time_step_s"]),
         timepoints=int(record["timepoints"]),
         rows=int(record["rows"]),
-        splits=_pairs(record["splits"]),
-        merges=_pairs(record["merges"]),
+        splits=splits[kept[0]],
+        merges=merges[kept[1]],
         method=str(record["method"]),
-        numbers={**numbers, PROVENANCE: from_plain(dict(record[PROVENANCE]))},
+        numbers={**from_plain(dict(record["numbers"])), PROVENANCE: told},
     )
 
 
+def _typed(name: str, values: npt.ArrayLike, kind: str) -> npt.NDArray[Any]:
+    try:
+        return cast(values, kind)
+    except (ValueError, OverflowError) as error:
+        raise FileFormatError(f"The column {name!r} is not as it was written ({error}).") from error
+
+
 def cast(values: npt.ArrayLike, kind: str) -> npt.NDArray[Any]:
-    """Values as the type that they had before they were written."""
+    """Values as the type that they had before they were written.
+
+    Raises
+    ------
+    ValueError
+        A text is no such value.
+    """
     found = np.asarray(values)
-    if kind == "|O" or np.dtype(kind).kind in "US":
-        return np.array([str(value) for value in found.tolist()], np.dtype(kind))
-    if np.dtype(kind).kind == "b" and found.dtype.kind in "OUS":
-        return np.array([str(value).lower() in ("true", "1") for value in found.tolist()])
-    if np.dtype(kind).kind in "iu" and found.dtype.kind in "OUS":
-        return np.array([int(value) for value in found.tolist()], np.dtype(kind))
-    return found.astype(np.dtype(kind))
+    texts = found.dtype.kind in "OUS"
+    wanted = np.dtype(kind)
+    if wanted.kind in "OUS":
+        return np.array([str(value) for value in found.tolist()], wanted)
+    if not texts:
+        return found.astype(wanted)
+    cells = [str(value).strip() for value in found.tolist()]
+    if wanted.kind == "b":
+        return np.array([cell.lower() in ("true", "1") for cell in cells], bool)
+    if wanted.kind in "iu":
+        return np.array([_whole(cell) for cell in cells], wanted)
+    # Spreadsheets leave what is no number empty.
+    return np.array([float(cell or "nan") for cell in cells], wanted)
+
+
+def _whole(cell: str) -> int:
+    """A whole number, also where a spreadsheet wrote it as 3.0."""
+    return int(cell) if cell.lstrip("+-").isdigit() else int(float(cell))
 
 
 def _pairs(pairs: Any) -> Ints:
@@ -241,9 +272,17 @@ def whole_timepoints(times: npt.ArrayLike, time_step: float = 1.0) -> Ints:
 
 
 def smallest_step(times: npt.ArrayLike) -> float | None:
-    """The smallest time between two different times, None if there are not two."""
-    steps = np.diff(np.unique(np.asarray(times, np.float64)))
-    return float(steps.min()) if len(steps) else None
+    """The smallest time between two different times, None if there are not two.
+
+    Times that differ by rounding only are one.
+    """
+    known = np.unique(np.asarray(times, np.float64))
+    steps = np.diff(known[np.isfinite(known)])
+    steps = steps[steps > 1e-6 * np.ptp(known)] if len(steps) else steps
+    if len(steps) == 0:
+        return None
+    whole = float(np.ptp(known))
+    return whole / round(whole / float(steps.min()))
 
 
 def from_one(track: npt.ArrayLike) -> tuple[Ints, int]:

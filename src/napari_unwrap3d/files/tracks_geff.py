@@ -307,7 +307,7 @@ def _frames(
     if unit in TIMES_S:
         seconds = values.astype(np.float64) * TIMES_S[unit]
         step = time_step or smallest_step(seconds)
-        return whole_timepoints(seconds - seconds.min(initial=np.inf), step or 1.0), step
+        return whole_timepoints(seconds, step or 1.0), step
     scaled = (axis.scaled_unit or "").lower()
     if time_step is None and axis.scale and scaled in TIMES_S:
         time_step = float(axis.scale) * TIMES_S[scaled]

@@ -315,7 +315,10 @@ def _image(tracks: Tracks, movie: Movie | None) -> tuple[tuple[int, ...], tuple[
     """
     if movie is not None:
         mask = movie.common.mask
-        return mask.data.shape, tuple(float(size) for size in mask.voxel_size), movie.name
+        voxel = np.asarray(mask.voxel_size, np.float64)
+        # The image begins where places are 0, also where the mask is a part of it.
+        whole = np.rint(np.asarray(mask.origin) / voxel).astype(int) + mask.data.shape
+        return tuple(np.maximum(whole, 1).tolist()), tuple(voxel.tolist()), movie.name
     reach = tracks.position_um.max(axis=0, initial=0.0)
     shape = tuple(math.ceil(size) + 1 for size in np.maximum(reach, 0.0).tolist())
     return shape, (1.0, 1.0, 1.0), "tracks"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.utils.theme import get_theme
 from qtpy.QtCore import Signal
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
 from ..protrusions.heights import height_histogram
@@ -39,6 +40,7 @@ class Plot(QWidget):
         self.session = session
         self.canvas: Any = None
         self.figure: Any = None
+        self._stale = False
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 2, 0, 0)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -56,7 +58,13 @@ class Plot(QWidget):
             self.redraw()
 
     def redraw(self) -> None:
-        """Draw everything anew; what is drawn is said by `_draw`."""
+        """Draw everything anew; what is drawn is said by `_draw`.
+
+        What is not seen is drawn when it is.
+        """
+        self._stale = not self.isVisibleTo(self.window())
+        if self._stale:
+            return
         if self.canvas is None:
             self._make_canvas()
         self.figure.clear()
@@ -64,6 +72,12 @@ class Plot(QWidget):
         self.figure.set_facecolor(colours["background"])
         self._draw(colours)
         self.canvas.draw_idle()
+
+    def showEvent(self, event: QShowEvent | None) -> None:
+        """Draw what has changed while nobody saw it."""
+        super().showEvent(event)
+        if self._stale:
+            self.redraw()
 
     def _make_canvas(self) -> None:
         # Matplotlib takes long to import; a run has done so in its thread already.
