@@ -191,7 +191,8 @@ def rand_index(one: npt.NDArray[Any], other: npt.NDArray[Any]) -> float:
 
 def thick_cell(seed: int) -> Any:
     """A body with blebs of half to nine tenths of its smallest half-axis, as a truth."""
-    from napari_unwrap3d.simulate.bodies import draw_body, fibonacci_directions
+    from napari_unwrap3d.geometry.spread import spread_directions
+    from napari_unwrap3d.simulate.bodies import draw_body
     from napari_unwrap3d.simulate.protrusions import bleb
     from napari_unwrap3d.simulate.solids import build
 
@@ -200,7 +201,7 @@ def thick_cell(seed: int) -> Any:
     body = draw_body(rng, np.full(3, size / 2 * voxel), 45 * voxel)
     least = float(body.semi_axes.min())
     shapes = []
-    for direction in fibonacci_directions(4):
+    for direction in spread_directions(4):
         radius = least * rng.uniform(0.5, 0.9)
         shapes.append(
             bleb(body, direction, radius, 0.75 * radius, np.zeros(3), 0.2 * radius, 0.2 * radius)

@@ -108,7 +108,7 @@ def unwrapped(
     truth = unwrap3d.simulate.movie(kind, seed, timepoints=timepoints, **arguments)
     chosen = {"uv": {"rows": rows}, "stack": {"threshold": "edge"}} | (groups or {})
     parameters = unwrap3d.Parameters.from_dict(chosen)
-    key = content_hash(truth.key, parameters.model_dump_json())[:12]
+    key = content_hash(truth.key, parameters.model_dump_json(exclude=AFTERWARDS))[:12]
     cache = Path(os.environ.get("UNWRAP3D_BENCH_CACHE", HERE / "cache"))
     folder = cache / f"{kind}-{seed}-{key}"
     if not (folder / DONE).exists():

@@ -36,8 +36,9 @@ class FrameProtrusions:
         The labels of what lies outermost over every pixel, 0 = none.
     columns : mapping of str to ndarray, (k,)
         A row per protrusion: those of :data:`..protrusions.columns.COLUMNS` with ``label``
-        first, and where its foot stands on the common reference surface, ``foot_z_um``,
-        ``foot_y_um``, ``foot_x_um``.
+        first, where its foot stands on the common reference surface, ``foot_z_um``,
+        ``foot_y_um``, ``foot_x_um``, and ``certain``: whether it is as high and as wide as one
+        of a single cell has to be. The others are followed because of what they become or were.
     numbers : mapping
         What was measured on the way, JSON-able.
     """
@@ -261,7 +262,8 @@ class Tracks:
             "into": _partner(self.ids, self.merges),
         }
         own = {*NEEDED, *PLACE, *BOX}
-        rows = pd.DataFrame({k: v for k, v in self.columns.items() if k not in own})
+        more = {k: v for k, v in self.columns.items() if k not in own}
+        rows = pd.DataFrame(more, index=range(len(self)))
         means = rows.select_dtypes("number").groupby(self.track_id).mean()
         means = means.add_prefix("mean_").reset_index(drop=True)
         return pd.concat([pd.DataFrame(table), means], axis=1)

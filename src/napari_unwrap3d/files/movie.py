@@ -15,6 +15,7 @@ Layout::
     frames/00012.unwrap3d       its own atlas, where every timepoint has one
     guides/00012.zip            there, the mesh that tells which place of its surface is which
     protrusions/00012.zip       the protrusions of the timepoint
+    protrusions/alike.json      what those of all timepoints have in common: kind, threshold
     tracks/NAME.zip             tracks: "protrusions", "flow", or as they were named
     failures/00012.json         why the timepoint could not be made and is left out
 """
@@ -43,6 +44,7 @@ SCHEMA_VERSION = 1
 COMMON = f"common{SUFFIX}"
 COMMON_RECORD = "common.json"
 TRACKS = "tracks"
+ALIKE = "alike.json"
 TRACKS_NAME = re.compile(r"[^\W\d_][\w .-]{0,63}")
 
 
@@ -202,6 +204,15 @@ class MovieFolder:
     def keep_protrusions(self, found: FrameProtrusions, key: str) -> None:
         path = self._piece("protrusions", found.timepoint, ".zip")
         write_record(path, {"protrusions": found}, key, found.numbers)
+
+    def alike(self, key: str) -> dict[str, Any] | None:
+        """What the protrusions of all timepoints have in common, if it is of this key."""
+        found = read_json(self.path / "protrusions" / ALIKE)
+        return found["told"] if found is not None and found.get("key") == key else None
+
+    def keep_alike(self, key: str, told: Mapping[str, Any]) -> None:
+        (self.path / "protrusions").mkdir(exist_ok=True)
+        write_json(self.path / "protrusions" / ALIKE, {"key": key, "told": dict(told)})
 
     def track_names(self) -> list[str]:
         """The names under which tracks were kept."""

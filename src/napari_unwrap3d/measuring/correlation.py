@@ -16,7 +16,13 @@ from scipy import stats
 
 from ..charts import Floats, Ints
 from ..errors import AxesError, InputError, ParameterError
-from .rows import count_of_rows, interval_of_rows, mean_of_rows, std_of_rows
+from .rows import (
+    count_of_rows,
+    interval_of_groups,
+    interval_of_rows,
+    mean_of_rows,
+    std_of_rows,
+)
 
 FEWEST_PAIRS = 3
 
@@ -31,10 +37,13 @@ class Correlation:
         Positive: the second series follows the first.
     values : ndarray, (k, l)
         −1 … 1, a row per series; NaN where there are too few common timepoints.
+    groups : ndarray, (k,), optional
+        Series of one group are alike, such as those of neighbouring places.
     """
 
     lag_s: Floats
     values: Floats
+    groups: Ints | None = None
 
     @property
     def count(self) -> Ints:
@@ -52,7 +61,9 @@ class Correlation:
         return std_of_rows(self.values)
 
     def interval(self, level: float = 0.95) -> tuple[Floats, Floats]:
-        """Confidence interval of the mean (l,), by Student's t over the series."""
+        """Confidence interval of the mean (l,), by Student's t over the series or their groups."""
+        if self.groups is not None:
+            return interval_of_groups(self.values, self.groups, level)
         return interval_of_rows(self.values, level)
 
     @property

@@ -65,6 +65,7 @@ def find_events(
     prominence: float = 0.5,
     distance_s: float = 3.6,
     smoothing: int = 3,
+    cut: tuple[bool, bool] = (False, False),
 ) -> Events:
     """The events of a series: its peaks.
 
@@ -79,6 +80,10 @@ def find_events(
         Least time between two peaks; of closer ones the highest counts.
     smoothing : int
         Timepoints of the central moving average before (odd).
+    cut : (bool, bool)
+        Whether the recording cuts the series off at its start and at its end. There it is not
+        known how far a peak stands out: the other side decides. The first and the last
+        timepoint themselves are no peaks.
 
     Returns
     -------
@@ -108,8 +113,13 @@ def find_events(
     # Over gaps in a straight line, which makes no peak.
     filled = np.interp(np.arange(len(smooth)), known, smooth[known])
     apart = max(int(np.ceil(distance_s / time_step_s - 1e-9)), 1)
-    peaks, measured = signal.find_peaks(filled, prominence=prominence, distance=apart)
+    low = float(filled.min()) - prominence - 1.0
+    padded = np.concatenate([[low] * cut[0], filled, [low] * cut[1]])
+    peaks, measured = signal.find_peaks(padded, prominence=prominence, distance=apart)
+    peaks = peaks - int(cut[0])
     there = np.isfinite(values[peaks])
+    if any(cut):
+        there &= (peaks > 0) & (peaks < len(values) - 1)
     return Events(peaks[there].astype(np.int64), measured["prominences"][there])
 
 

@@ -22,6 +22,15 @@ class TrackingParameters(StepParameters):
         "paper's way).",
         source=BOXES,
     )
+    followed_part: float = setting(
+        0.4,
+        "Followed from",
+        "A protrusion is followed while it is at least by this part as high and as wide as the "
+        "smallest height and area of protrusions ask for (protrusions.method = cortex); a track "
+        "that is never as high and as wide as these is left out. 1: only what is.",
+        gt=0,
+        le=1,
+    )
     longest_step_um: Positive = setting(
         1.5,
         "Longest step",

@@ -46,7 +46,11 @@ STANDS_OUT = 4.0  # deviations of the cortex over the threshold
 
 
 def over_cortex(
-    mask: Mask, surface: Surface, parameters: ProtrusionParameters, progress: Progress
+    mask: Mask,
+    surface: Surface,
+    parameters: ProtrusionParameters,
+    progress: Progress,
+    part: float = 1.0,
 ) -> Segmentation:
     """Protrusions as what stands out of the cell opened by a ball.
 
@@ -58,6 +62,9 @@ def over_cortex(
         Of this mask.
     parameters : ProtrusionParameters
     progress : Progress
+    part : float
+        Protrusions are found down to this part of the least height and width; but none that
+        cannot be told from the roughness of the cortex.
 
     Returns
     -------
@@ -77,12 +84,14 @@ def over_cortex(
         threshold = parameters.threshold_um / cell.voxel_um
     over = progress.run(voxel_graph, cell.mask & (opened.height > threshold))
     of_voxel = opened.height.ravel()[over.flat].astype(float)
-    least = _least(parameters, cell.voxel_um, median + STANDS_OUT * deviation)
+    noticeable = median + STANDS_OUT * deviation
+    least = _least(parameters, cell.voxel_um, noticeable)
+    lowest = least[0] * part**2, max(least[1] * part, min(noticeable, least[1]))
     tried = {}
     for kind in KINDS if parameters.kind == "automatic" else (parameters.kind,):
         rules = rules_of(kind, threshold, parameters.join, parameters.split)
         labels = over.on_grid(progress.run(find_instances, over, of_voxel, rules))
-        tried[kind] = _renumbered(labels, _large_enough(cell, labels, at_vertices, least))
+        tried[kind] = _renumbered(labels, _large_enough(cell, labels, at_vertices, lowest))
     kind, reason = chosen_kind(tried)
     labels = tried[kind]
 
@@ -101,6 +110,8 @@ def over_cortex(
         "threshold_um": threshold * cell.voxel_um,
         "cortex_median_um": median * cell.voxel_um,
         "cortex_deviation_um": deviation * cell.voxel_um,
+        "least_area_um2": least[0] * cell.voxel_um**2,
+        "least_height_um": least[1] * cell.voxel_um,
         "kind": kind,
         "kind_reason": reason,
     }

@@ -83,7 +83,7 @@ def segment_cell(
 
 
 def find_protrusions(
-    charts: Callable[[str], Any], parameters: Parameters, progress: Progress
+    charts: Callable[[str], Any], parameters: Parameters, progress: Progress, part: float = 1.0
 ) -> Segmentation:
     """What the chosen method finds, refined where that was chosen.
 
@@ -92,25 +92,30 @@ def find_protrusions(
     charts : callable
         Gives a chart by its name. Over the cortex only mask and surface are needed; the
         method "topography" needs uv and topography, too.
+    parameters : Parameters
+    progress : Progress
+    part : float
+        Over the cortex, down to which part of the least height and width; see
+        :func:`.over_cortex.over_cortex`.
     """
     mask, surface = charts("mask"), charts("surface")
-    part = progress.part(0.0, 0.9)
+    finding = progress.part(0.0, 0.9)
     if parameters.protrusions.method == "cortex":
         from .over_cortex import over_cortex
 
-        found = over_cortex(mask, surface, parameters.protrusions, part)
+        found = over_cortex(mask, surface, parameters.protrusions, finding, part)
     else:
         from .topographic.method import by_topography
 
         uv, topography = charts("uv"), charts("topography")
-        found = by_topography(mask, surface, uv, topography, parameters, part)
+        found = by_topography(mask, surface, uv, topography, parameters, finding)
     kind = found.numbers.get("kind", parameters.protrusions.kind)
     apply = parameters.refinement.apply
     if apply == "always" or (apply == "blebs" and kind == "blebs"):
         from .refine import refine_segmentation
 
-        part = progress.part(0.9, 1.0)
-        found = refine_segmentation(found, mask, surface, parameters.refinement, part)
+        finding = progress.part(0.9, 1.0)
+        found = refine_segmentation(found, mask, surface, parameters.refinement, finding)
     return found
 
 

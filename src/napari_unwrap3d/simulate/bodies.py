@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from ..charts import Floats
 from ..geometry.rigid import Rigid
+from ..geometry.spread import spread_directions
 
 LARGEST_ASPECT = 1.6
 # Waves, lowest and highest wave number on the unit sphere, and between which values the
@@ -74,7 +75,7 @@ class Body:
 
     def samples(self, count: int) -> Floats:
         """Points (count, 3) in µm spread over the surface (a Fibonacci lattice)."""
-        return self.surface(fibonacci_directions(count))
+        return self.surface(spread_directions(count))
 
     @cached_property
     def bounds(self) -> tuple[Floats, Floats]:
@@ -198,12 +199,3 @@ def random_rotation(rng: np.random.Generator) -> Floats:
     q = q * np.sign(np.diag(r))
     rotation: Floats = q * np.linalg.det(q)
     return rotation
-
-
-def fibonacci_directions(count: int) -> Floats:
-    """Unit vectors (count, 3), nearly evenly spread over the sphere."""
-    index = np.arange(count) + 0.5
-    z = 1.0 - 2.0 * index / count
-    azimuth = np.pi * (1.0 + np.sqrt(5.0)) * index
-    ring = np.sqrt(1.0 - z**2)
-    return np.stack([z, ring * np.sin(azimuth), ring * np.cos(azimuth)], axis=1)

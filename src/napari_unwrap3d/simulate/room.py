@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..charts import Floats
-from .bodies import Body, StandingBody, fibonacci_directions, random_directions
+from ..geometry.spread import spread_directions
+from .bodies import Body, StandingBody, random_directions
 from .protrusions import Shape
 from .scenes import clearance
 
@@ -35,7 +36,7 @@ class Ground:
     @classmethod
     def of(cls, body: Body) -> Ground:
         """Measure the free surface of a body."""
-        weights = _weights(body, fibonacci_directions(SAMPLES))
+        weights = _weights(body, spread_directions(SAMPLES))
         return cls(body, float(4 * np.pi * weights.mean()), 1.1 * float(weights.max()))
 
     def draw(self, rng: np.random.Generator) -> Floats:

@@ -1,20 +1,26 @@
-"""The protrusions of every timepoint of a movie, and where each stands on the common surface."""
+"""The protrusions of every timepoint of a movie, and where each stands on the common surface.
+
+In a movie a protrusion is followed from when it is lower than one of a single cell has to be:
+that it is one is known from the time when it is higher. All timepoints have the same kind and
+threshold, so that protrusions are not told apart in one way now and in another one later.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
 
-from ..charts import Floats, Frame, FrameProtrusions, Ints
+from ..charts import MOTIFS, Floats, Frame, FrameProtrusions, Ints
 from ..charts.tracks import SPACE
 from ..geometry.locate import SurfaceLocator, interpolate
 from ..motion.frames import CommonSpace
 from ..parameters import Parameters
 from ..progress import Progress, silent
+from ..protrusions.kinds import KINDS
 from ..protrusions.segment import find_protrusions
 from ..protrusions.table import measure_protrusions
 from ..provenance import content_hash
@@ -23,9 +29,14 @@ from ..unwrapping.outermost import OutermostSurface
 if TYPE_CHECKING:
     from ..motion.movie import Movie
 
-VERSION = 1
+VERSION = 2
 SEEN = ("protrusions", "topographic", "refinement")
 FOOT = ("foot_z_um", "foot_y_um", "foot_x_um")
+CERTAIN = "certain"
+# So many timepoints, evenly spread, tell what kind of protrusions a movie has.
+SAMPLE = 5
+AUTOMATIC = "automatic"
+KIND_OF = dict(zip(MOTIFS, KINDS, strict=True))
 
 
 def protrusions_of(
@@ -36,27 +47,111 @@ def protrusions_of(
     See :meth:`~napari_unwrap3d.motion.movie.Movie.protrusions`.
     """
     progress = progress or silent()
-    frame = movie.frame(timepoint, progress.part(0.0, 0.2))
-    key = protrusions_key(movie, timepoint, parameters)
+    alike = same_for_all(movie, parameters, progress.part(0.0, 0.4))
+    _make_frame(movie, timepoint, progress.part(0.4, 0.5))
+    key = protrusions_key(movie, timepoint, alike)
     kept = movie.folder.protrusions(timepoint, key)
     if kept is not None:
         return kept
-    found = _found(movie, frame, parameters, progress.part(0.2, 1.0))
+    found = _found(movie, movie.frame(timepoint), alike, progress.part(0.5, 1.0))
     movie.folder.keep_protrusions(found, key)
     return found
 
 
+def protrusions_of_all(
+    movie: Movie, parameters: Parameters, progress: Progress | None = None
+) -> Iterator[FrameProtrusions]:
+    """The protrusions of all timepoints that are not lost, in the order of time, one by one."""
+    progress = progress or silent()
+    alike = same_for_all(movie, parameters, progress.part(0.0, 0.05))
+    count = len(movie)
+    for timepoint in range(count):
+        if movie.is_lost(timepoint):
+            continue
+        part = progress.part(0.05 + 0.95 * timepoint / count, 0.05 + 0.95 * (timepoint + 1) / count)
+        part(0.0, f"protrusions of timepoint {timepoint}")
+        yield protrusions_of(movie, timepoint, alike, part)
+
+
+def _make_frame(movie: Movie, timepoint: int, progress: Progress) -> None:
+    """What is there is not read."""
+    if not (0 <= timepoint < len(movie) and movie.has_frame(timepoint)):
+        movie.frame(timepoint, progress)
+
+
 def protrusions_key(movie: Movie, timepoint: int, parameters: Parameters) -> str:
-    """What the protrusions of a timepoint are made from."""
+    """What the protrusions of a timepoint are made from; `parameters` as of `same_for_all`."""
+    frame = movie.folder.frame_key(timepoint)
+    return content_hash(VERSION, "protrusions", frame, _seen(parameters))
+
+
+def _seen(parameters: Parameters) -> list[str]:
     chosen = [getattr(parameters, name).model_dump_json() for name in SEEN]
-    return content_hash(VERSION, "protrusions", movie.folder.frame_key(timepoint), chosen)
+    return [*chosen, repr(parameters.tracking.followed_part)]
+
+
+# The same for all timepoints --------------------------------------------------------
+
+
+def same_for_all(
+    movie: Movie, parameters: Parameters, progress: Progress | None = None
+) -> Parameters:
+    """Parameters in which what was automatic is what some timepoints of the movie tell.
+
+    The kind is that of most protrusions by their motifs (see the table of protrusions; the
+    shapes of low buds, which are flat, would tell another), the threshold the median one.
+    """
+    chosen = parameters.protrusions
+    open_threshold = chosen.method == "cortex" and chosen.threshold_um is None
+    if chosen.kind != AUTOMATIC and not open_threshold:
+        return parameters
+    told = _told(movie, parameters, progress or silent())
+    changes = {"kind": told["kind"]} if chosen.kind == AUTOMATIC else {}
+    if open_threshold and told["threshold_um"] is not None:
+        changes["threshold_um"] = told["threshold_um"]
+    return parameters.model_copy(update={"protrusions": chosen.model_copy(update=changes)})
+
+
+def _told(movie: Movie, parameters: Parameters, progress: Progress) -> dict[str, Any]:
+    """``kind`` and ``threshold_um`` of the movie, kept in its folder."""
+    there = [t for t in range(len(movie)) if not movie.is_lost(t)]
+    places = np.linspace(0, len(there) - 1, min(SAMPLE, len(there))).round().astype(int)
+    sample = [there[place] for place in places]
+    for number, timepoint in enumerate(sample):
+        part = progress.part(0.5 * number / len(sample), 0.5 * (number + 1) / len(sample))
+        _make_frame(movie, timepoint, part)
+    frames = [movie.folder.frame_key(timepoint) for timepoint in sample]
+    key = content_hash(VERSION, "alike", frames, _seen(parameters))
+    kept = movie.folder.alike(key)
+    if kept is not None:
+        return kept
+    motifs, thresholds = np.zeros(len(MOTIFS), np.int64), []
+    for number, timepoint in enumerate(sample):
+        begin = 0.5 + 0.5 * number / len(sample)
+        part = progress.part(begin, begin + 0.5 / len(sample))
+        found = _found(movie, movie.frame(timepoint), parameters, part)
+        motifs += np.bincount(found.columns["motif"], minlength=len(MOTIFS))
+        thresholds.append(found.numbers.get("threshold_um"))
+    known = [each for each in thresholds if each is not None]
+    told = {
+        "kind": KIND_OF[MOTIFS[int(motifs.argmax())]],
+        "threshold_um": float(np.median(known)) if known else None,
+        "motifs": dict(zip(MOTIFS, motifs.tolist(), strict=True)),
+        "timepoints": sample,
+    }
+    movie.folder.keep_alike(key, told)
+    return told
+
+
+# One timepoint ----------------------------------------------------------------------
 
 
 def _found(
     movie: Movie, frame: Frame, parameters: Parameters, progress: Progress
 ) -> FrameProtrusions:
     charts = partial(_chart, movie, frame)
-    found = find_protrusions(charts, parameters, progress.part(0.0, 0.8))
+    part = parameters.tracking.followed_part
+    found = find_protrusions(charts, parameters, progress.part(0.0, 0.8), part)
     progress(0.8, "measuring the protrusions")
     rows = movie.common.uv.shape[0]
     columns = measure_protrusions(found, frame.mask, frame.surface, frame.topography, rows=rows)
@@ -67,7 +162,11 @@ def _found(
         timepoint=frame.timepoint,
         labels=found.labels,
         uv=_label_image(outermost, found.labels, frame.surface.faces),
-        columns={**columns, **dict(zip(FOOT, feet.T, strict=True))},
+        columns={
+            **columns,
+            **dict(zip(FOOT, feet.T, strict=True)),
+            CERTAIN: _certain(columns, found.numbers),
+        },
         numbers=dict(found.numbers),
     )
 
@@ -77,6 +176,15 @@ def _chart(movie: Movie, frame: Frame, name: str) -> Any:
     if name in ("surface", "mask"):
         return getattr(frame, name)
     return getattr(movie.atlas(frame.timepoint), name)
+
+
+def _certain(
+    columns: Mapping[str, npt.NDArray[Any]], numbers: Mapping[str, Any]
+) -> npt.NDArray[np.bool_]:
+    """Which protrusions are as high and as wide as the parameters ask for in a single cell."""
+    high = columns["height_max_um"] >= numbers.get("least_height_um", -np.inf)
+    wide = columns["area_um2"] >= numbers.get("least_area_um2", -np.inf)
+    return np.asarray(high & wide)
 
 
 def _feet(movie: Movie, columns: Mapping[str, npt.NDArray[Any]]) -> Floats:
