@@ -11,9 +11,11 @@ Ruffles: regions carried by the flow of the mean curvature, while they are on a 
 upper threshold of a 3-class Otsu) for five timepoints or more; the median over them of the
 median lateral velocity of each, against the mean speed of the ruffles that are there. For the
 lateral speed every region is compared with the very ruffle that it rides on. Retrograde flow:
-regions carried by the flow of the actin signal over the dye, averaged over 10 s, half the time
-between two ruffles; the most frequent lateral speed. The paper's way (the thresholds of a
-3-class Otsu of the mean lateral speeds of regions that follow the signal as it is) is reported.
+regions carried by the paper's flow (Farnebäck) of the actin signal over the dye, averaged over
+10 s, half the time between two ruffles; the most frequent lateral speed, by a kernel of
+0.2 µm/min, which resolves what the paper's bins of 0.4 µm/min do. The paper's way (the thresholds
+of a 3-class Otsu of the mean lateral speeds of regions that follow the signal as it is) is
+reported.
 """
 
 from __future__ import annotations
@@ -46,6 +48,7 @@ SEEDS = (0, 1, 2)
 TIMEPOINTS = 30
 ON_CREST = 5  # timepoints
 SMOOTHING_S = 10.0
+BANDWIDTH = 0.2  # µm/min
 BOTTOM = "bottom"
 BOTTOM_UM, BOTTOM_PART = 0.5, 0.8  # over the floor; of the outline's radius
 RATIO = "signal_actin/signal_CyOFP1"
@@ -188,9 +191,9 @@ def own_speeds(case: Unwrapped, tracks: Tracks, crest: np.ndarray, ids: np.ndarr
 
 def retrograde(case: Unwrapped, seed: int, lamella: np.ndarray) -> Entries:
     """The most frequent lateral speed of what the averaged signal shows, and the paper's way."""
-    tracks = followed(case, field=RATIO, smoothing_s=SMOOTHING_S)
+    tracks = followed(case, field=RATIO, method="farneback", smoothing_s=SMOOTHING_S)
     gate = sample_uv_nearest(lamella, tracks.place_px)
-    found = most_frequent(tracks.columns[LATERAL][gate])
+    found = most_frequent(tracks.columns[LATERAL][gate], BANDWIDTH)
     true = case.truth.rates["retrograde_um_per_min"]
     plain = followed(case, field=RATIO, method="farneback", clipped_percent=0.0)
     inside = sample_uv_nearest(lamella, plain.place_px) & np.isfinite(plain.columns[LATERAL])

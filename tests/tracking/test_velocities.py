@@ -184,5 +184,7 @@ def test_the_mode_is_that_of_the_larger_population() -> None:
     rng = np.random.default_rng(3)
     speeds = np.concatenate([rng.normal(0.8, 0.1, 600), rng.normal(4.2, 0.8, 400), [np.nan, 300.0]])
     assert most_frequent(speeds) == pytest.approx(0.8, abs=0.1)
+    # A kernel as wide as the distribution sees one population.
+    assert most_frequent(speeds, 3.0) > 1.2
     with pytest.raises(InputError):
         most_frequent([1.0, 1.0, np.nan])

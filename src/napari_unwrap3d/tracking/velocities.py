@@ -244,10 +244,17 @@ def median_velocities(
     return ids[kept], np.array(medians, np.float64).reshape(-1, 3)
 
 
-def most_frequent(values: npt.ArrayLike) -> float:
-    """The mode of a distribution: where its Gaussian kernel density (Scott's rule) is largest.
+def most_frequent(values: npt.ArrayLike, bandwidth: float | None = None) -> float:
+    """The mode of a distribution: where its Gaussian kernel density is largest.
 
     Of speeds it is that of what moves alike, whatever else moves faster here and there.
+
+    Parameters
+    ----------
+    values : array-like
+        Those that are not finite do not count.
+    bandwidth : float, optional
+        Standard deviation of the kernel, in the values' unit; by Scott's rule unless given.
 
     Raises
     ------
@@ -261,7 +268,8 @@ def most_frequent(values: npt.ArrayLike) -> float:
     low, high = np.percentile(known, [0.5, 99.5])
     inner = known[(known >= low) & (known <= high)]
     grid = np.linspace(low, high, MODE_STEPS)
-    return float(grid[int(np.argmax(stats.gaussian_kde(inner)(grid)))])
+    factor = None if bandwidth is None else bandwidth / float(inner.std(ddof=1))
+    return float(grid[int(np.argmax(stats.gaussian_kde(inner, factor)(grid)))])
 
 
 # Fields ----------------------------------------------------------------------------
