@@ -27,9 +27,8 @@ NAME = "views/heartbeat-{}"
 PARTS = ("own", "waiting", "queue", "drawing", "clock")
 
 
-def entries_of(size: int, found: Any) -> Entries:
+def entries_of(name: str, found: Any) -> Entries:
     """The longest gap against the bar, and the largest of each part in any gap."""
-    name = NAME.format(size)
     if isinstance(found, str):
         return {name: BAR.entry(None, note=found)}
     gaps = found["gaps"]
@@ -53,6 +52,15 @@ def _counted(gap: Any) -> float:
     return float(gap[0] + gap[1])
 
 
+def show_longest(found: Any) -> None:
+    """Print the ten longest gaps by their parts."""
+    if isinstance(found, str):
+        return
+    for *parts, place in sorted(found["gaps"], key=_counted, reverse=True)[:10]:
+        told = ", ".join(f"{p} {ms:.0f}" for p, ms in zip(PARTS, parts, strict=True))
+        print(f"    {told} ms, after {place or 'nothing'}")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--size", type=int, choices=PARAMETERS, help="only this one")
@@ -60,12 +68,9 @@ def main() -> None:
     on_a_display()
     for size in [options.size] if options.size else PARAMETERS:
         found = run_child(__file__, str(size), limit_s=LIMIT_S)
-        entries = entries_of(size, found)
+        entries = entries_of(NAME.format(size), found)
         results.show(entries)
-        if not isinstance(found, str):
-            for *parts, place in sorted(found["gaps"], key=_counted, reverse=True)[:10]:
-                told = ", ".join(f"{p} {ms:.0f}" for p, ms in zip(PARTS, parts, strict=True))
-                print(f"    {told} ms, after {place or 'nothing'}")
+        show_longest(found)
         results.merge(entries, drop=["views/heartbeat"])
 
 

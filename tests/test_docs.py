@@ -75,7 +75,7 @@ def test_parameters_and_their_values_exist(page: Path) -> None:
 
 
 def test_every_parameter_is_described() -> None:
-    text = (PROJECT / "docs" / "method.md").read_text(encoding="utf-8")
+    text = "".join(page.read_text(encoding="utf-8") for page in PAGES)
     for step in unwrap3d.Parameters.model_fields:
         for name in type(getattr(unwrap3d.Parameters(), step)).model_fields:
             assert f"`{step}.{name}`" in text

@@ -7,6 +7,7 @@ import os
 import sys
 import threading
 import time
+from collections.abc import Callable
 from typing import Any
 
 import napari_unwrap3d as unwrap3d
@@ -64,6 +65,54 @@ class Drawing:
         backend.paintGL = timed
 
 
+class Heartbeat:
+    """A timer of the window's thread, and what held it up between two beats.
+
+    Parameters
+    ----------
+    drawing : Drawing
+    spent : Spent
+        Of the window's thread.
+    there : callable
+        Names what was there last, at every beat.
+
+    Attributes
+    ----------
+    gaps : list of tuple
+        Per beat the milliseconds (own, waiting, queue, drawing, clock) and what was there.
+    """
+
+    def __init__(self, drawing: Drawing, spent: Spent, there: Callable[[], str]) -> None:
+        from qtpy.QtCore import Qt, QTimer
+
+        self.gaps: list[tuple[float, float, float, float, float, str]] = []
+        self._drawing, self._spent, self._there = drawing, spent, there
+        self._timer = QTimer()
+        self._timer.setTimerType(Qt.TimerType.PreciseTimer)
+        self._timer.timeout.connect(self._beat)
+
+    def start(self) -> None:
+        self._begin()
+        self._timer.start(BEAT_MS)
+
+    def stop(self) -> None:
+        self._timer.stop()
+
+    def _begin(self) -> None:
+        self._last = [*self._spent.now(), *self._drawing.total]
+        self._others = time.process_time()
+
+    def _beat(self) -> None:
+        now, computed = [*self._spent.now(), *self._drawing.total], time.process_time()
+        clock, work, queue, *drawn = (1000 * (b - a) for a, b in zip(self._last, now, strict=True))
+        own = work - drawn[1]
+        waiting = clock - drawn[0] - own - (queue - drawn[2])
+        # Whoever has what it waits for may itself stand in the queue behind other programs.
+        waiting = max(min(waiting, 1000 * (computed - self._others) - work), 0.0)
+        self.gaps.append((own, waiting, queue, drawn[0], clock, self._there()))
+        self._begin()
+
+
 class StepEnds(logging.Handler):
     """When each step ended, as the pipeline's log has it."""
 
@@ -116,7 +165,7 @@ def run(size: int) -> dict[str, Any]:
     """
     import napari
     from napari.layers import Layer
-    from qtpy.QtCore import Qt, QTimer
+    from qtpy.QtCore import Qt
     from qtpy.QtTest import QTest
 
     from napari_unwrap3d.viewer.canvas import open_canvas
@@ -139,43 +188,30 @@ def run(size: int) -> dict[str, Any]:
     stop = time.monotonic() + 2.0
     wait_until(lambda: time.monotonic() > stop, LIMIT_S)
 
-    gaps: list[tuple[float, float, float, float, float, str]] = []
-    others = time.process_time()
     placed: dict[str, float] = {}
-    last = [*spent.now(), *drawing.total]
 
-    def beat() -> None:
-        nonlocal last, others
-        now, computed = [*spent.now(), *drawing.total], time.process_time()
-        clock, work, queue, *drawn = (1000 * (b - a) for a, b in zip(last, now, strict=True))
-        own = work - drawn[1]
-        waiting = clock - drawn[0] - own - (queue - drawn[2])
-        # Whoever has what it waits for may itself stand in the queue behind other programs.
-        waiting = max(min(waiting, 1000 * (computed - others) - work), 0.0)
+    def there() -> str:
         canvas = open_canvas(viewer)
         layers = [*viewer.layers, *(canvas.model.layers if canvas is not None else ())]
         for layer in layers:
             if chart_of(layer):
-                placed.setdefault(chart_of(layer), now[0])
-        gaps.append((own, waiting, queue, drawn[0], clock, next(reversed(placed), "")))
-        last, others = [*spent.now(), *drawing.total], time.process_time()
+                placed.setdefault(chart_of(layer), time.monotonic())
+        return next(reversed(placed), "")
 
-    timer = QTimer()
-    timer.setTimerType(Qt.TimerType.PreciseTimer)
-    timer.timeout.connect(beat)
+    heart = Heartbeat(drawing, spent, there)
     seen = first_paint_watch(wizard.progress_bar)
-    timer.start(BEAT_MS)
+    heart.start()
     clicked, worked = time.monotonic(), time.thread_time()
     QTest.mouseClick(wizard.run_button, Qt.MouseButton.LeftButton)
     wait_until(lambda: not session.running, LIMIT_S)
     ended = time.monotonic()
     # What is shown and linked after the run's end belongs to it.
     wait_until(lambda: not session.turns.busy and time.monotonic() > ended + 2.0, LIMIT_S)
-    timer.stop()
+    heart.stop()
     layers = len(viewer.layers)
     viewer.close()
     return {
-        "gaps": gaps,
+        "gaps": heart.gaps,
         "seen": {n: at - (worked if n == "work" else clicked) for n, at in seen.items()},
         "ends": {name: at - clicked for name, at in ends.at.items()},
         "placed": {name: at - clicked for name, at in placed.items()},

@@ -14,6 +14,9 @@ The public API in one screen::
     atlas.save("cell.unwrap3d")
     movie = unwrap3d.unwrap_movie(stack_with_t)                 # one space for all timepoints
     curvature = movie.uv("mean_curvature_per_um")               # (t, v, u), lazily
+    tracks = unwrap3d.track_protrusions(movie)                  # or track_flow: regions
+    found = unwrap3d.measure_tracks(movie, tracks)              # .tables, .numbers
+    unwrap3d.write_tracks("tracks.geff", tracks, movie)         # or .csv, .parquet, .xml
 """
 
 from __future__ import annotations
@@ -40,6 +43,7 @@ if TYPE_CHECKING:
         Stack,
         Surface,
         Topography,
+        Tracks,
         Volume,
     )
     from .files.annotation_export import export_annotations
@@ -47,7 +51,9 @@ if TYPE_CHECKING:
     from .files.meshes import read_mesh
     from .files.movie_files import export_movie
     from .files.stacks import read_stack
+    from .files.tracks import read_tracks, write_tracks
     from .geometry.compare import compare_meshes
+    from .measuring.analysis import measure_tracks
     from .motion.kymograph import kymograph
     from .motion.movie import Movie, load_movie, unwrap_movie
     from .parameters import Parameters
@@ -55,6 +61,10 @@ if TYPE_CHECKING:
     from .protrusions.editing import ProtrusionEdits
     from .protrusions.segment import segment_protrusions
     from .sampling import sample_signal
+    from .tracking.edits import TrackEdits
+    from .tracking.laying import lay_tracks
+    from .tracking.objects import track_protrusions
+    from .tracking.regions import track_flow
     from .unwrapping import uv_views
 
 __version__ = package_version()
@@ -74,6 +84,8 @@ _LAZY = {
     "Stack": "charts",
     "Surface": "charts",
     "Topography": "charts",
+    "TrackEdits": "tracking.edits",
+    "Tracks": "charts",
     "UV": "charts",
     "Volume": "charts",
     "export_annotations": "files.annotation_export",
@@ -81,6 +93,12 @@ _LAZY = {
     "export_movie": "files.movie_files",
     "read_mesh": "files.meshes",
     "read_stack": "files.stacks",
+    "read_tracks": "files.tracks",
+    "write_tracks": "files.tracks",
+    "lay_tracks": "tracking.laying",
+    "measure_tracks": "measuring.analysis",
+    "track_flow": "tracking.regions",
+    "track_protrusions": "tracking.objects",
     "compare_meshes": "geometry.compare",
     "kymograph": "motion.kymograph",
     "Movie": "motion.movie",
@@ -113,6 +131,8 @@ __all__ = [
     "Stack",
     "Surface",
     "Topography",
+    "TrackEdits",
+    "Tracks",
     "Unwrap3DError",
     "Volume",
     "__version__",
@@ -121,16 +141,22 @@ __all__ = [
     "export_movie",
     "kymograph",
     "load",
+    "lay_tracks",
     "load_movie",
+    "measure_tracks",
     "read_mesh",
     "read_stack",
+    "read_tracks",
     "sample_signal",
     "save_annotations",
     "segment_protrusions",
     "simulate",
+    "track_flow",
+    "track_protrusions",
     "unwrap",
     "unwrap_movie",
     "uv_views",
+    "write_tracks",
 ]
 
 

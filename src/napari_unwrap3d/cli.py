@@ -1,4 +1,4 @@
-"""The command ``napari-unwrap3d``: run, batch, info, compare, demo and export.
+"""The command ``napari-unwrap3d``: run, batch, info, compare, demo, export, movie, track …
 
 No logic of its own: it reads, calls the pipeline, and writes with ``files.export``.
 Exit codes: 0 done, 1 an unexpected error, 2 a wrong input or parameter, 3 a part of a batch
@@ -35,6 +35,7 @@ from .options import (
 from .parameters import Parameters
 from .progress import Progress
 from .provenance import package_version
+from .tracks_cli import add_tracks
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -89,6 +90,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_demo(commands)
     _add_export(commands)
     add_movie(commands)
+    add_tracks(commands)
     return parser
 
 

@@ -91,6 +91,11 @@ def add_output(parser: argparse.ArgumentParser, default: Path | None) -> None:
 
 def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
     """Preset, then the file, then single options: the later ones win."""
+    return Parameters.from_dict(set_values(arguments))
+
+
+def set_values(arguments: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """The parameters that the options set, by their groups; the others are not there."""
     values: dict[str, Any] = {}
     if arguments.preset:
         _merge(values, PRESETS[arguments.preset])
@@ -107,7 +112,7 @@ def chosen_parameters(arguments: argparse.Namespace) -> Parameters:
     for chart in ("direct", "plane", "protrusions"):
         if getattr(arguments, chart, False):
             _merge(values, {chart: {"compute": True}})
-    return Parameters.from_dict(values)
+    return values
 
 
 def _merge(values: dict[str, Any], more: dict[str, Any]) -> None:

@@ -24,6 +24,7 @@ from synthetic import make_atlas
 from viewer.hand import Hand
 from viewer.opened import coarsely_direct
 from viewer.playing import Projector, make_movie
+from viewer.tracked import OTHER, SHOWN, Tracked, wandering
 
 EVERY_CHART = ("mask", "surface", "sealed", "reference", "sphere", "uv", "topography")
 ON_REQUEST_NAMES = tuple(step.name for step in ON_REQUEST)
@@ -226,7 +227,23 @@ def movie_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture
+def movie_copy(movie_folder: Path, tmp_path: Path) -> Path:
+    """A copy of the movie, which may be changed."""
+    return Path(shutil.copytree(movie_folder, tmp_path / "movie"))
+
+
+@pytest.fixture
 def projector(make_napari_viewer: Any, movie_folder: Path, tmp_path: Path, qtbot: Any) -> Projector:
     """A window that shows a copy of the movie."""
     folder = shutil.copytree(movie_folder, tmp_path / "movie")
     return Projector(make_napari_viewer(show=True), load_movie(folder), qtbot)
+
+
+@pytest.fixture
+def tracked(make_napari_viewer: Any, movie_folder: Path, tmp_path: Path, qtbot: Any) -> Tracked:
+    """A window that shows a copy of the movie, with tracks that were kept with it."""
+    movie = load_movie(shutil.copytree(movie_folder, tmp_path / "movie"))
+    tracks = wandering(movie)
+    movie.keep_tracks(OTHER, tracks.kept([1]))
+    movie.keep_tracks(SHOWN, tracks)
+    return Tracked(make_napari_viewer(show=True), movie, qtbot)

@@ -44,7 +44,7 @@ def test_the_menus_lead_to_our_docks(manifest: npe2.PluginManifest) -> None:
 
 def test_every_kind_of_cell_is_a_sample_and_a_movie(manifest: npe2.PluginManifest) -> None:
     found = {sample.key for sample in manifest.contributions.sample_data or ()}
-    assert found == {*simulate.KINDS, "blebbing"}
+    assert found == {*simulate.KINDS, "blebbing", "tracked_blebs"}
 
 
 def test_readers_take_our_files_and_leave_tiff_alone(

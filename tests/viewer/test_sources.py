@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from napari.components import ViewerModel
 from napari.layers import Image, Labels, Layer, Points, Surface
 
 from napari_unwrap3d import charts
 from napari_unwrap3d.errors import AxesError, InputError, VoxelSizeMissingError
 from napari_unwrap3d.viewer.computing import fingerprint
 from napari_unwrap3d.viewer.layers import KEY
+from napari_unwrap3d.viewer.movie_sources import set_time_step
 from napari_unwrap3d.viewer.sources import (
     is_source,
     layer_axes,
@@ -62,6 +64,16 @@ def test_the_stated_voxel_size_moves_the_layer_into_micrometres() -> None:
     assert after.origin == pytest.approx((0.6, 0, 0.6))
     assert [str(u) for u in layer.units] == ["pixel", *["micrometer"] * 3]
     assert layer.axis_labels[-3:] == ("z", "y", "x")
+
+
+@pytest.mark.parametrize("size", [1.0, 0.5])
+def test_a_timelapse_is_still_seen_once_its_sizes_are_stated(size: float) -> None:
+    viewer = ViewerModel()
+    layer = viewer.add_image(np.ones((3, 4, 5, 6), np.uint8))
+    set_voxel_size(layer, (size,) * 3)
+    set_time_step(layer, size)
+    assert layer.axis_labels == ("t", "z", "y", "x")
+    assert layer._slice.image.view.min() == 1
 
 
 @pytest.mark.parametrize(

@@ -135,8 +135,7 @@ def link_tables(
         columns[TIMEPOINT],
         longest_step_um=step,
         features_um=_features(columns, parameters),
-        # A gap is the time between the two timepoints at which the protrusion was seen.
-        gap_timepoints=max(int(parameters.gap_s / time_step_s + 1e-9) - 1, 0),
+        gap_timepoints=int(parameters.gap_s / time_step_s + 1e-9),
         split_um=parameters.split_um or None,
         merge_um=parameters.merge_um or None,
     )

@@ -166,9 +166,10 @@ class DepthBar(QWidget):
         if isinstance(image.data, ShellVolume):
             image.data.projection = PROJECTIONS[self.mode.currentText()]
         dims = self._canvas.model.dims
-        dims.set_point(0, (low + high) / 2)
+        # Before d there may be the time of tracks.
+        dims.set_point(dims.ndim - 3, (low + high) / 2)
         around = np.zeros(dims.ndim)
-        around[0] = (high - low) / 2
+        around[-3] = (high - low) / 2
         dims.margin_left = dims.margin_right = tuple(around)
         image.projection_mode = PROJECTIONS[self.mode.currentText()]
         self._moving = False
@@ -176,8 +177,9 @@ class DepthBar(QWidget):
 
     def _on_point(self, _: Any = None) -> None:
         """The depth was changed by a key, or by a script."""
-        if not self._moving and self.mode.currentText() == SLICE:
-            self.slider.setValue(round(self._canvas.model.dims.point[0]))
+        point = self._canvas.model.dims.point
+        if not self._moving and self.mode.currentText() == SLICE and len(point) > 2:
+            self.slider.setValue(round(point[-3]))
 
     def _say(self, low: int, high: int) -> None:
         if high >= len(self.d_um):

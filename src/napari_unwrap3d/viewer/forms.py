@@ -24,7 +24,7 @@ from magicgui.widgets import (
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from qtpy.QtCore import QEvent, QObject, Qt, Signal
-from qtpy.QtWidgets import QFormLayout, QLabel, QSizePolicy, QWidget
+from qtpy.QtWidgets import QCompleter, QFormLayout, QLabel, QSizePolicy, QWidget
 
 AUTOMATIC = "automatic"
 LARGEST = 1_000_000
@@ -193,6 +193,14 @@ class ParametersForm(QWidget):
         """Show every parameter under its step's heading, or the main ones only."""
         self._all = show
         self._update_rows()
+
+    def offer(self, path: str, texts: Collection[str]) -> None:
+        """Offer texts while one is typed into an entry; other texts stay possible."""
+        field = self.entries[path].widget.native
+        completer = QCompleter(list(texts), field)
+        completer.setCaseSensitivity(Qt.CaseSensitivity.CaseInsensitive)
+        completer.setFilterMode(Qt.MatchFlag.MatchContains)
+        field.setCompleter(completer)
 
     def hide_entries(self, paths: Collection[str]) -> None:
         """Take away what makes no sense for the chosen layer; replaces the last choice."""

@@ -56,13 +56,28 @@ def _faded(colour: Colour) -> tuple[float, float, float]:
 
 def look_at(viewer: Any, vertices: Floats, chosen: npt.NDArray[np.bool_]) -> None:
     """Bring chosen vertices (n,) of the surface to the middle of the main canvas, in front."""
+    if chosen.any():
+        look_towards(viewer, vertices[chosen].mean(axis=0), vertices.mean(axis=0))
+
+
+def look_towards(viewer: Any, place: Floats, middle: Floats | None = None) -> None:
+    """Bring a place (z, y, x) of the cell to the middle of the main canvas, in front.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+    place : ndarray, (3,)
+    middle : ndarray, (3,), optional
+        Of the cell; of the box around it unless given.
+    """
     layer = next((each for each in viewer.layers if chart_of(each) == "surface"), None)
-    if layer is None or not chosen.any():
+    if layer is None:
         return
-    middle = vertices[chosen].mean(axis=0)
-    outwards = middle - vertices.mean(axis=0)
+    if middle is None:
+        middle = np.asarray(layer.extent.data).mean(axis=0)
+    outwards = place - middle
     camera = viewer.scene.camera
-    camera.center = tuple(middle * layer.scale[-3:] + layer.translate[-3:])
+    camera.center = tuple(place * layer.scale[-3:] + layer.translate[-3:])
     if viewer.dims.ndisplay == 3 and np.linalg.norm(outwards) > 0:
         up = np.eye(3)[int(np.abs(outwards).argmin())]
         camera.set_view_direction(tuple(-outwards), tuple(up))

@@ -16,7 +16,7 @@ import numpy as np
 from ..charts import Mask, Size3, Stack, Surface
 from ..errors import InputError
 from ..motion.timelapse import Timelapse
-from .sources import is_source, layer_axes, layer_source, layer_time_step, layer_voxel_size
+from .sources import is_source, layer_axes, layer_source, layer_time_step, layer_voxel_size, place
 
 if TYPE_CHECKING:
     from napari.layers import Layer
@@ -200,7 +200,6 @@ def set_time_step(layer: Layer, seconds: float) -> None:
     scale, translate = np.array(layer.scale), np.array(layer.translate)
     translate[index] *= seconds / scale[index]
     scale[index] = seconds
-    layer.scale, layer.translate = scale, translate
     units = list(layer.units)
     units[index] = SECOND
-    layer.units = tuple(units)
+    place(layer, scale, translate, tuple(units))

@@ -142,7 +142,7 @@ class PointLayers(QObject):
             layer.set_view_slice()
             # napari selects what is new, and draws a box over it.
             layer.selected_data = set()
-            shown_names = [_beside(name, chart) for name in names]
+            shown_names = [beside(name, chart) for name in names]
             layer.features = {
                 "name": np.array(names, dtype=object),
                 "shown": np.array(shown_names, dtype=object),
@@ -248,7 +248,7 @@ class PointLayers(QObject):
         self.add(place, str(canvas.chart))
 
 
-def _beside(name: str, chart: str) -> str:
+def beside(name: str, chart: str) -> str:
     """A name with what keeps it beside its mark: in 3D napari centres every text."""
     gap = 2 * len(name) + 3 if chart == SURFACE else 2
     return " " * gap + name

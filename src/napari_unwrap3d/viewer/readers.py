@@ -1,4 +1,4 @@
-"""napari readers: meshes as surface layers, projects as all their charts."""
+"""napari readers: meshes as surface layers, tracks as tracks, projects as all their charts."""
 
 from __future__ import annotations
 
@@ -13,10 +13,15 @@ from ..errors import InputError
 from ..files.meshes import MESH_SUFFIXES, read_mesh
 from ..files.movie import is_movie
 from ..files.project import MOVIE, SUFFIX, load_project
+from ..files.tracks import read_tracks
 from ..motion.movie import load_movie
 from .layers import LayerData, atlas_layers, mesh_layer
+from .track_layer_data import tracks_layer
 
 Reader = Callable[[str | list[str]], list[LayerData]]
+# What a file of tracks has within its first bytes.
+TRACKS_BEGIN = {".xml": b"<trackmate", ".csv": b"track_id"}
+BEGINNING = 4096
 
 
 def get_mesh_reader(path: str | list[str]) -> Reader | None:
@@ -32,6 +37,28 @@ def get_project_reader(path: str | list[str]) -> Reader | None:
     paths = [_folder_of(each) for each in _paths(path)]
     ours = bool(paths) and all(_is_ours(each) for each in paths)
     return read_projects if ours else None
+
+
+def get_tracks_reader(path: str | list[str]) -> Reader | None:
+    """The reader of tracks: GEFF, TrackMate's XML, Parquet, and CSV with a column of tracks.
+
+    None for other paths, and for XML and CSV of other things.
+    """
+    paths = _paths(path)
+    return read_track_files if paths and all(_has_tracks(each) for each in paths) else None
+
+
+def read_track_files(path: str | list[str]) -> list[LayerData]:
+    """One Tracks layer per file, in µm and seconds where its points are in space.
+
+    The dock "Tracks" imports the same files, and lays them on the surface of a movie.
+
+    Raises
+    ------
+    Unwrap3DError
+        The file is damaged, or does not tell the size of a pixel or the time step.
+    """
+    return [tracks_layer(read_tracks(each), each.stem) for each in _paths(path)]
 
 
 def read_meshes(path: str | list[str]) -> list[LayerData]:
@@ -76,6 +103,18 @@ def _folder_of(path: Path) -> Path:
 
 def _is_ours(path: Path) -> bool:
     return is_movie(path) if path.is_dir() else path.suffix.lower() == SUFFIX
+
+
+def _has_tracks(path: Path) -> bool:
+    """Whether a file has tracks, by its suffix and, of XML and CSV, by how it begins."""
+    suffix = path.suffix.lower()
+    if suffix in (".geff", ".parquet"):
+        return True
+    mark = TRACKS_BEGIN.get(suffix)
+    if mark is None or not path.is_file():
+        return False
+    with path.open("rb") as file:
+        return mark in file.read(BEGINNING).lower()
 
 
 def _mesh_layer(path: Path) -> LayerData:

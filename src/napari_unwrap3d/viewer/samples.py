@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from .. import simulate
 from ..charts import Stack
+from ..charts.tracks import NEEDED, PLACE
 from ..movie_demo import demo_stack
+from ..simulate.true_tracks import true_tracks
 from .layers import SPACE, UNIT, LayerData
+
+# Long enough for some blebs to come and go, small enough to be made while one waits.
+TRACKED_SIZE, TRACKED_TIMEPOINTS = 80, 16
 
 
 def sample(kind: str, size: int = 200, seed: int = 0) -> list[LayerData]:
@@ -73,6 +80,37 @@ def mix() -> list[LayerData]:
 def blebbing() -> list[LayerData]:
     """A movie of a cell whose blebs come and go, and which drifts."""
     return [timelapse_layer(demo_stack("blebs", 0))]
+
+
+def tracked_blebs() -> list[LayerData]:
+    """A movie of a blebbing cell, with the true track of every bleb."""
+    movie = simulate.movie("blebs", seed=1, size=TRACKED_SIZE, timepoints=TRACKED_TIMEPOINTS)
+    stack = movie.stack
+    # One channel: napari's tracks have no axis for channels.
+    outline = replace(
+        stack,
+        data=stack.data[:, 0],
+        axes=stack.axes.replace("c", ""),
+        channels=stack.channels[:1],
+        name="tracked blebs",
+    )
+    return [timelapse_layer(outline), tracks_layer(movie)]
+
+
+def tracks_layer(movie: simulate.SimulatedMovie) -> LayerData:
+    """The true tracks of a simulated movie, where its stack shows them."""
+    tracks = true_tracks(movie, "stack")
+    rows = np.column_stack([tracks.track_id, tracks.timepoint, tracks.position_um])
+    known = (*NEEDED, *PLACE)
+    attributes = {
+        "name": "tracked blebs: true tracks",
+        "features": {name: column for name, column in tracks.columns.items() if name not in known},
+        "scale": (movie.time_step_s, 1.0, 1.0, 1.0),
+        "units": ("second", *((UNIT,) * 3)),
+        "axis_labels": ("t", *SPACE),
+        "tail_length": TRACKED_TIMEPOINTS,
+    }
+    return rows, attributes, "tracks"
 
 
 def timelapse_layer(stack: Stack) -> LayerData:

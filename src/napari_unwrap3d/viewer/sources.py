@@ -63,11 +63,22 @@ def set_voxel_size(layer: Layer, voxel_size: Size3) -> None:
     scale, translate = np.array(layer.scale), np.array(layer.translate)
     translate[-3:] *= np.asarray(sizes) / scale[-3:]
     scale[-3:] = sizes
+    place(layer, scale, translate, (*layer.units[:-3], UNIT, UNIT, UNIT))
+    if all(name.lstrip("-").isdigit() for name in layer.axis_labels):
+        time = ("t",) if layer.ndim == len(SPACE) + 1 else layer.axis_labels[:-3]
+        layer.axis_labels = (*time, *SPACE)
+
+
+def place(layer: Layer, scale: np.ndarray, translate: np.ndarray, units: tuple[Any, ...]) -> None:
+    """Set where a layer lies, in which units.
+
+    napari 0.9 slices with new units only when the extent changes after them: until then a stack
+    with time would be black.
+    """
+    layer.units = units
+    layer.scale = 2 * scale
     layer.scale = scale
     layer.translate = translate
-    layer.units = (*layer.units[:-3], UNIT, UNIT, UNIT)
-    if all(name.lstrip("-").isdigit() for name in layer.axis_labels):
-        layer.axis_labels = (*layer.axis_labels[:-3], *SPACE)
 
 
 def layer_box(layer: Layer) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from napari.utils.theme import get_theme
 from qtpy.QtCore import Signal
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QSizePolicy, QVBoxLayout, QWidget
 
 from ..protrusions.heights import height_histogram
@@ -25,6 +26,12 @@ FONT = 7
 LINE, CHOSEN = "#42a5f5", "#ffa000"
 
 
+def theme_colours(viewer: Any) -> dict[str, str]:
+    """Colours of a plot in the theme of a viewer: "background", "text" and "secondary"."""
+    theme = get_theme("dark" if viewer is None else viewer.theme)
+    return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
+
+
 class Plot(QWidget):
     """A figure that follows the viewer's theme. It is made when there is something to draw."""
 
@@ -33,6 +40,7 @@ class Plot(QWidget):
         self.session = session
         self.canvas: Any = None
         self.figure: Any = None
+        self._stale = False
         self._column = QVBoxLayout(self)
         self._column.setContentsMargins(0, 2, 0, 0)
         self.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
@@ -50,7 +58,13 @@ class Plot(QWidget):
             self.redraw()
 
     def redraw(self) -> None:
-        """Draw everything anew; what is drawn is said by `_draw`."""
+        """Draw everything anew; what is drawn is said by `_draw`.
+
+        What is not seen is drawn when it is.
+        """
+        self._stale = not self.isVisibleTo(self.window())
+        if self._stale:
+            return
         if self.canvas is None:
             self._make_canvas()
         self.figure.clear()
@@ -58,6 +72,12 @@ class Plot(QWidget):
         self.figure.set_facecolor(colours["background"])
         self._draw(colours)
         self.canvas.draw_idle()
+
+    def showEvent(self, event: QShowEvent | None) -> None:
+        """Draw what has changed while nobody saw it."""
+        super().showEvent(event)
+        if self._stale:
+            self.redraw()
 
     def _make_canvas(self) -> None:
         # Matplotlib takes long to import; a run has done so in its thread already.
@@ -77,9 +97,7 @@ class Plot(QWidget):
         raise NotImplementedError
 
     def _colours(self) -> dict[str, str]:
-        viewer = self.session.viewer
-        theme = get_theme("dark" if viewer is None else viewer.theme)
-        return {name: getattr(theme, name).as_hex() for name in ("background", "text", "secondary")}
+        return theme_colours(self.session.viewer)
 
     @staticmethod
     def style(axes: Any, colours: dict[str, str], title: str, where: str = "center") -> None:

@@ -34,6 +34,7 @@ from .source_chooser import SourceChooser
 from .step_panel import WIDTH, StepPanel, scrolling
 from .step_states import STEPS, TITLES
 from .threads import Task, tell
+from .track_panel import TracksPanel
 
 if TYPE_CHECKING:
     import napari
@@ -113,6 +114,7 @@ class Wizard(Docked):
         self.pages = QTabWidget()
         self.pages.setDocumentMode(True)
         self.movie = MoviePanel(self.viewer)
+        self.tracks = TracksPanel(self.viewer)
 
     def _arrange(self) -> None:
         presets = QHBoxLayout()
@@ -143,6 +145,7 @@ class Wizard(Docked):
         layout.addLayout(buttons)
         self.pages.addTab(cell, "Cell")
         self.pages.addTab(self.movie, "Movie")
+        self.pages.addTab(self.tracks, "Tracks")
         whole = QVBoxLayout(self)
         whole.setContentsMargins(0, 0, 0, 0)
         whole.addWidget(self.left)
@@ -205,18 +208,35 @@ class Wizard(Docked):
 
     def show_movie(self) -> MoviePanel:
         """Turn to the page of the movie."""
-        self.pages.setTabVisible(1, True)
-        self.pages.setCurrentIndex(1)
+        self._turn_to(self.movie)
         return self.movie
+
+    def show_tracks(self) -> TracksPanel:
+        """Turn to the page of the tracks."""
+        self._turn_to(self.tracks)
+        return self.tracks
+
+    def _turn_to(self, page: QWidget) -> None:
+        index = self.pages.indexOf(page)
+        self.pages.setTabVisible(index, True)
+        self.pages.setCurrentIndex(index)
 
     # What the session says ---------------------------------------------------
 
+    @property
+    def _of_movies(self) -> tuple[QWidget, ...]:
+        """Pages that a still cell has no use for."""
+        return self.movie, self.tracks
+
     def _on_movie(self) -> None:
-        """There is a page for the movie where there is a timelapse, or a movie."""
+        """There is a page for the movie where there is a timelapse, or a movie; then tracks."""
         run = self.movie.run
         there = run.source is not None or run.movie is not None or bool(run.candidates())
-        self.pages.setTabVisible(1, there or self.pages.currentIndex() == 1)
-        self.pages.tabBar().setVisible(self.pages.isTabVisible(1))
+        for page, wanted in ((self.movie, there), (self.tracks, run.movie is not None)):
+            index = self.pages.indexOf(page)
+            self.pages.setTabVisible(index, wanted or self.pages.currentIndex() == index)
+        several = any(self.pages.isTabVisible(self.pages.indexOf(p)) for p in self._of_movies)
+        self.pages.tabBar().setVisible(several)
 
     def _on_running(self, running: bool) -> None:
         self.cancel_button.setEnabled(running)

@@ -1,4 +1,4 @@
-"""napari writer of surface layers; napari itself has none."""
+"""napari writers of surface and tracks layers; napari itself has none."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import numpy as np
 import numpy.typing as npt
 
 from ..files.meshes import write_mesh
+from ..files.tracks import write_tracks
 from .layers import COPIES, KEY
 from .sources import check_placement, micrometres
+from .track_layer_data import tracks_of_layer
 
 logger = logging.getLogger(__name__)
 
@@ -53,6 +55,34 @@ def write_surface(path: str, data: Any, attributes: dict[str, Any]) -> list[str]
     else:
         vertices = vertices * factors
     return [str(write_mesh(path, vertices, data[1], _fields(layer, data)))]
+
+
+def write_tracks_layer(path: str, data: Any, attributes: dict[str, Any]) -> list[str]:
+    """Write a Tracks layer as GEFF, CSV, Parquet or TrackMate's XML, told apart by the suffix.
+
+    A layer of ours is written with all that is known of its tracks, on the surface and in
+    space, whichever canvas it is in; of another one, places in µm where the viewer shows them.
+
+    Parameters
+    ----------
+    path : str
+    data : array-like, (n, 4) or (n, 5)
+        (track, t, [z,] y, x).
+    attributes : dict
+        What napari knows about the layer.
+
+    Returns
+    -------
+    list of str
+        The file that was written.
+
+    Raises
+    ------
+    Unwrap3DError
+        See :func:`.track_layer_data.tracks_of_layer` and :func:`..files.tracks.write_tracks`.
+    """
+    tracks = tracks_of_layer(data, attributes)
+    return [str(write_tracks(path, tracks, name=str(attributes.get("name", ""))))]
 
 
 def _whole(data: Any, attributes: dict[str, Any]) -> tuple[Any, dict[str, Any]]:
