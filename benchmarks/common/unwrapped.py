@@ -31,6 +31,8 @@ DONE = "unwrapped.json"
 # A truth label is looked for so far from a vertex; beyond it the vertex is the body's.
 REACH_VOXELS = 2.0
 LEAST_SHARED = 0.3
+# Groups of parameters that nothing of the unwrapping depends on.
+AFTERWARDS = {"tracking", "boxes", "flow", "measurement"}
 
 
 @dataclass(frozen=True, eq=False)
