@@ -60,6 +60,8 @@ PARTS = ("events", "lag", "mean", "correlation", "time")
 BLEBS, RUFFLES = 50, 30
 PAIRED_S = 6.0
 CORRELATIONS = (0.2, 0.5)
+# The paper samples signals of ruffles as the mean along 1 µm inwards.
+AS_IN_FIGURE_5 = {"movie": {"statistic": "mean"}}
 SIGNAL, ACTIN = "signal_septin", "signal_actin/signal_CyOFP1"
 CURVATURE = "mean_curvature_per_um"
 
@@ -317,7 +319,8 @@ def correlation(seed: int) -> Entries:
     entries: Entries = {}
     held = []
     for built_in in CORRELATIONS:
-        case = unwrapped("ruffles", seed, RUFFLES, protrusions=False, correlation=built_in)
+        arguments = {"correlation": built_in, "groups": AS_IN_FIGURE_5}
+        case = unwrapped("ruffles", seed, RUFFLES, protrusions=False, **arguments)
         tracks = still_tracks(case.movie, 2000)
         tracks = tracks.kept(tracks.ids[on_lamella(case, tracks)].tolist())
         measurement = {"correlate": f"{CURVATURE}, {ACTIN}"}

@@ -413,15 +413,23 @@ def measured(
 
 def tracked(movie: Movie, name: str, parameters: Parameters, progress: Progress) -> Tracks:
     """Tracks by their name: protrusions and flow are made, others must be in the movie."""
+    from .measuring.still import STILL
     from .tracking.objects import track_protrusions
     from .tracking.regions import track_flow
 
     makers: dict[str, Callable[..., Tracks]] = {
         "protrusions": track_protrusions,
         "flow": track_flow,
+        STILL: _still,
     }
     make = makers.get(name, partial(_kept, name))
     return make(movie, parameters, progress.named(f"tracking {name}"))
+
+
+def _still(movie: Movie, parameters: Parameters, progress: Progress) -> Tracks:
+    from .measuring.still import still_tracks
+
+    return still_tracks(movie, parameters.measurement.places, progress)
 
 
 def _kept(name: str, movie: Movie, parameters: Parameters, progress: Progress) -> Tracks:
