@@ -270,6 +270,21 @@ def movies_table(results: Results) -> str:
     return table(["what", "measured", "bar", "held"], rows)
 
 
+def tracks_means_table(results: Results) -> str:
+    """Errors of means over places, with and without the area elements as weights."""
+    start = "tracks/mean/"
+    percents = ("value", "over_the_poles", "median")
+    plain = ("uncorrected", "uncorrected_over_the_poles", "uncorrected_median")
+    rows = [
+        [name[len(start) :], *(f"{100 * entry[key]:.2g} %" for key in (*percents, *plain))]
+        for name, entry in sorted(results.items())
+        if name.startswith(start)
+    ]
+    heads = ["error of the mean, worst place", "over the poles", "median"]
+    heads += ["not weighed, worst", "over the poles", "median"]
+    return table(["cell", *heads], rows)
+
+
 def routes_table(results: Results) -> str:
     """Every route with the paper's figures beside it."""
     rows = []
@@ -384,6 +399,7 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "references": references_table,
     "protrusions": protrusions_table,
     "movies": movies_table,
+    "tracks means": tracks_means_table,
     "routes": routes_table,
     "machine": machine_table,
     "quality": quality_table,

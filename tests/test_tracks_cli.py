@@ -1,6 +1,7 @@
 """The commands track, measure and analyse, on a small movie."""
 
 import json
+import re
 import shutil
 from pathlib import Path
 
@@ -52,6 +53,14 @@ def test_track_keeps_and_writes_the_same_tracks(movie: Path, tmp_path: Path) -> 
         assert told["tracks"] == "protrusions"
         assert "longest_step_um" in told["parameters"]
         assert told["key"] == load_movie(movie).folder.tracks_key("protrusions")
+
+
+def test_regions_are_followed_by_flow(movie: Path, tmp_path: Path) -> None:
+    words = ("--of", "flow", "--set", "flow.regions=60", "-o", tmp_path / "f.parquet")
+    assert run("track", movie, *words) == 0
+    kept = load_movie(movie).tracks("flow")
+    assert kept.method == "flow"
+    np.testing.assert_array_equal(read_tracks(tmp_path / "f.parquet").place_px, kept.place_px)
 
 
 def test_track_of_a_packed_movie_is_saved_in_it(movie: Path, tmp_path: Path) -> None:
@@ -230,5 +239,9 @@ def test_written_tracks_name_their_movie(movie: Path, tmp_path: Path) -> None:
     path = write_tracks(tmp_path / "t.xml", opened.tracks("protrusions"), opened)
     text = path.read_text(encoding="utf-8")
     assert f'filename="{opened.name}"' in text
-    z, y, x = opened.common.mask.data.shape
-    assert f'nslices="{z}" height="{y}" width="{x}"' in text
+    # An image in which every place of the cell lies.
+    found = re.search(r'nslices="(\d+)" height="(\d+)" width="(\d+)"', text)
+    assert found is not None
+    extent = np.array([int(size) for size in found.groups()]) * VOXEL_UM
+    assert (extent >= opened.common.surface.vertices.max(axis=0)).all()
+    assert (extent <= opened.common.surface.vertices.max(axis=0) + 10).all()

@@ -114,3 +114,17 @@ def test_what_makes_no_sense_is_refused() -> None:
         moving_average(np.zeros(5), 2)
     with pytest.raises(AxesError):
         align([np.zeros(5)], [], 1.0)
+
+
+@given(st.integers(3, 39), st.floats(1.0, 6.0))
+def test_a_peak_that_is_cut_off_counts_by_the_side_that_is_seen(after: int, width: float) -> None:
+    """However little of its fall is recorded; but what is still rising is no peak."""
+    series = bumps([60], width=width)
+    seen = series[: 60 + after + 1]
+    found = find_events(seen, 1.0, prominence=0.3, cut=(False, True))
+    assert list(found.timepoint) == [60]
+    assert found.prominence[0] > 0.3
+    turned = find_events(seen[::-1], 1.0, prominence=0.3, cut=(True, False))
+    assert list(turned.timepoint) == [after]
+    assert len(find_events(series[:58], 1.0, prominence=0.1, cut=(False, True))) == 0
+    assert len(find_events(series[63:], 1.0, prominence=0.1, cut=(True, False))) == 0

@@ -157,7 +157,21 @@ def test_a_click_selects_what_is_seen_and_a_head_that_is_dragged_stays_on_the_su
     window.drawn()
     assert 5 not in window.there(2), "its point at this timepoint was deleted"
     assert 5 in tracking.tracks.ids
-    for _ in range(2):
+    # napari's tool "add points": to the track that is selected, and else to a new one.
+    layer.mode = "add"
+    tracking.select([5])
+    window.drawn()
+    empty = _empty(window)
+    for there in (lambda: 5 in window.there(2), lambda: len(tracking.tracks.ids) == 13):
+        window.click(window.second, window.on_image(empty))
+        window.wait(there)
+        window.drawn()
+    assert len(window.tracks.ids) == 12
+    assert np.allclose(window.heads(UV)[5], empty, atol=2 / _zoom(window))
+    row = window.row(5, 2)
+    laid = position_of(window.movie, 2, tracking.tracks.place_px[row][None])[0]
+    assert np.allclose(tracking.tracks.position_um[row], laid)
+    for _ in range(4):
         tracking.editing.do("undo")
     window.drawn()
     assert np.allclose(window.heads(UV)[5], start)

@@ -19,7 +19,7 @@ TRACK_GID = "track-"
 # On paper; the window passes those of its theme.
 PAPER: Mapping[str, str] = {"background": "#ffffff", "text": "#222222", "secondary": "#9a9a9a"}
 # Dark enough on white and light enough on black (Wong 2011, doi:10.1038/nmeth.1618).
-LINE, OTHER, THIRD, MARK = "#2b8cbe", "#e69f00", "#009e73", "#d55e00"
+LINE, OTHER, THIRD, MARK = "#2b8cbe", "#e69f00", "#cc79a7", "#d55e00"
 CHOSEN = ("#e69f00", "#56b4e9", "#009e73", "#cc79a7", "#d55e00", "#0072b2")
 FAINT = 0.35
 FONT = 8.0
@@ -108,7 +108,7 @@ def styled(axes: Axes, colours: Mapping[str, str], x: str, y: str, title: str = 
     axes.set_xlabel(x, fontsize=FONT, color=text, labelpad=2)
     axes.set_ylabel(y, fontsize=FONT, color=text, labelpad=2)
     if title:
-        axes.set_title(title, fontsize=FONT, color=text, pad=3, loc="left")
+        axes.set_title(title, fontsize=FONT, color=text, pad=3, loc="left", wrap=True)
     for side, spine in axes.spines.items():
         spine.set_visible(side in ("left", "bottom"))
         spine.set_color(line)

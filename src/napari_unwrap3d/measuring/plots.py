@@ -83,7 +83,7 @@ def _draw_series(
         if track not in chosen:
             # Where some are selected the others stay in sight, so that they can be clicked, too.
             alpha = FAINT / 2 if chosen else FAINT
-            _curve(axes, groups[track], column, colours["secondary"], 0.7, alpha)
+            _curve(axes, groups[track], column, colours["text"], 0.7, alpha)
     for number, track in enumerate(chosen):
         _curve(axes, groups[track], column, CHOSEN[number % len(CHOSEN)], 1.6, 1.0)
         events = measurements.table("events")
@@ -326,7 +326,7 @@ def _draw_relationship(
         index="correlation", columns=name, values="density"
     )
     x, y = density.columns.to_numpy(float), density.index.to_numpy(float)
-    axes.contourf(x, y, density.to_numpy(), levels=8, cmap="Greys", alpha=0.8)
+    _filled(axes, x, y, density.to_numpy(), colours["text"])
     table = measurements.table("relationship")
     _band(axes, table[name], table["mean"], table["std"], LINE, "mean ± s.d.")
     tracks = measurements.table("tracks").set_index("track_id")
@@ -341,6 +341,15 @@ def _draw_relationship(
     axes.set_xlim(x.min(), x.max())
     axes.set_ylim(-1, 1)
     legend(axes, colours)
+
+
+def _filled(axes: Axes, x: Any, y: Any, density: Any, colour: str) -> None:
+    """A density in one colour, the stronger the more there is, and clear where there is nothing."""
+    from matplotlib.colors import to_rgba
+
+    levels = float(density.max()) * np.linspace(0.05, 1.0, 9)
+    shades = [to_rgba(colour, alpha) for alpha in np.linspace(0.08, 0.55, len(levels) - 1)]
+    axes.contourf(x, y, density, levels=levels, colors=shades)
 
 
 # The registry --------------------------------------------------------------------------

@@ -19,6 +19,7 @@ from ..geometry.padding import sample_uv_nearest
 if TYPE_CHECKING:
     from ..motion.movie import Movie
 
+Bools = npt.NDArray[np.bool_]
 Side = Literal["inside", "outside"]
 SIDES = ("inside", "outside")
 
@@ -83,13 +84,13 @@ def gated(
     return _for_part_of_life(tracks, meets, share)
 
 
-def _inside(image: Labels, label: int | None, places: npt.NDArray[np.float64]) -> Labels:
+def _inside(image: Labels, label: int | None, places: npt.NDArray[np.float64]) -> Bools:
     found = sample_uv_nearest(image, places)
-    inside: Labels = found > 0 if label is None else found == label
+    inside: Bools = found > 0 if label is None else found == label
     return inside
 
 
-def _for_part_of_life(tracks: Tracks, meets: npt.NDArray[np.bool_], share: float) -> Ints:
+def _for_part_of_life(tracks: Tracks, meets: Bools, share: float) -> Ints:
     """The tracks whose rows (n,) meet something for a part of their timepoints, or more."""
     track = np.searchsorted(tracks.ids, tracks.track_id)
     rows = np.bincount(track, minlength=len(tracks.ids))

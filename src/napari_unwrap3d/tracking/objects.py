@@ -193,8 +193,10 @@ def _gaps(columns: Columns, found: Linked, uv_rows: int) -> Columns:
         for name in BETWEEN
         if name in columns
     }
-    places = [np.column_stack([columns[name][side] for name in PLACE]) for side in (before, after)]
-    rows |= dict(zip(PLACE, _between(*places, share, uv_rows).T, strict=True))
+    first, last = (
+        np.column_stack([columns[name][side] for name in PLACE]) for side in (before, after)
+    )
+    rows |= dict(zip(PLACE, _between(first, last, share, uv_rows).T, strict=True))
     rows[TRACK] = found.track_id[before]
     rows[TIMEPOINT] = times[before] + number.astype(np.int64)
     rows[LABEL] = np.zeros(len(before), columns[LABEL].dtype)

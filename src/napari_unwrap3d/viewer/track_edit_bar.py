@@ -65,7 +65,7 @@ class TrackEditBar(QWidget):
         grid = QGridLayout(self)
         grid.setContentsMargins(0, 0, 0, 0)
         grid.setSpacing(3)
-        self._keys = {QKeySequence(key): name for name, key in KEYS.items()}
+        self._keys = {QKeySequence(key).toString(): name for name, key in KEYS.items()}
         for place, (name, button) in enumerate(self.buttons.items()):
             grid.addWidget(button, *divmod(place, PER_ROW))
             button.clicked.connect(lambda _=False, name=name: self._do(name))
@@ -83,7 +83,7 @@ class TrackEditBar(QWidget):
         """A key: before napari's own meaning of it, and before a table looks for its letter."""
         if not isinstance(event, QKeyEvent):
             return False
-        name = self._keys.get(QKeySequence(event.keyCombination()))
+        name = self._keys.get(QKeySequence(event.keyCombination()).toString())
         if name is None:
             return False
         if event.type() == QEvent.Type.ShortcutOverride:

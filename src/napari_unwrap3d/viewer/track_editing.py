@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from .tracks_session import TracksSession
 
 IN_SPACE = "surface"
+# In the place of a track, for a point that is of none yet.
+NEW = 0
 CLOSE_SECONDS = 5.0
 
 
@@ -158,6 +160,9 @@ class TrackEditing(QObject):
     def heads_changed(self, chart: str, moved: Mapping[int, Any], gone: list[int]) -> None:
         """A person dragged heads on a chart, or deleted some, at the timepoint that is shown.
 
+        A head of :data:`NEW` was added: to the track that is selected, if that is a single one
+        that is not there yet, or as the first point of another.
+
         Where the movie is known, what was dragged is laid on its surface, in a thread.
         """
         session, now = self._session, self._session.timepoint
@@ -200,9 +205,23 @@ class TrackEditing(QObject):
     def _move(
         self, edits: TrackEdits, timepoint: int, places: Mapping[int, Mapping[str, Any]]
     ) -> list[int]:
+        chosen = []
         for track, place in places.items():
-            edits.move(track, timepoint, **place)
-        return list(places)
+            if track == NEW:
+                own = self._to_continue(edits, timepoint)
+                chosen.append(edits.add(timepoint, track=own, **place))
+            else:
+                edits.move(track, timepoint, **place)
+                chosen.append(track)
+        return chosen
+
+    def _to_continue(self, edits: TrackEdits, timepoint: int) -> int | None:
+        """The single track that is selected and not there at a timepoint."""
+        tracks, chosen = edits.tracks, list(self._session.selection)
+        if len(chosen) != 1:
+            return None
+        there = tracks.timepoint[tracks.rows_of(chosen[0])]
+        return None if timepoint in there else chosen[0]
 
     def _remove(self, edits: TrackEdits, gone: list[int], timepoint: int) -> list[int]:
         for track in gone:

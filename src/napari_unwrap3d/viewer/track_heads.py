@@ -17,6 +17,7 @@ from .canvas import canvas_of, open_canvas
 from .layers import IMAGE, KEY, PIXELS, SPACE, UNIT
 from .placing import chart_of, undisturbed
 from .point_layers import TEXT, beside
+from .track_editing import NEW
 
 if TYPE_CHECKING:
     from .track_layers import TrackLayers
@@ -27,6 +28,7 @@ IN_SPACE, ON_UV = "surface", "uv"
 SIZE_SHARE = 0.045
 PIXELS_WIDE, ROWS = 9.0, 512
 RIM, RIM_SELECTED = (0.12, 0.12, 0.12, 1.0), (1.0, 1.0, 1.0, 1.0)
+ADDING = "add"
 LEAST_RIM = 0.35
 
 
@@ -34,8 +36,8 @@ class TrackHeads(QObject):
     """Points of both canvases, one per track that is there at the timepoint.
 
     A head that a person selects with napari's own tool is a track that is selected; one that is
-    dragged moves the track at this timepoint, and one that is deleted takes the track's point
-    away.
+    dragged moves the track at this timepoint, one that is deleted takes the track's point away,
+    and one that is added is of the track that is selected, or of a new one.
 
     Parameters
     ----------
@@ -194,11 +196,13 @@ class TrackHeads(QObject):
 
     def _on_selected(self, chart: str, *_: Any) -> None:
         """A person selected heads with napari's own tool."""
-        if not self._syncing:
-            self._session.select(_selected(self._layers[chart]))
+        layer = self._layers[chart]
+        # A point that is added is selected before it is of any track.
+        if not self._syncing and str(layer.mode) != ADDING:
+            self._session.select(_selected(layer))
 
     def _on_data(self, event: Any) -> None:
-        """A person moved or deleted heads."""
+        """A person moved, deleted or added heads."""
         action = str(getattr(event, "action", ""))
         if self._syncing:
             return
@@ -210,6 +214,9 @@ class TrackHeads(QObject):
         if chart is None or tracks is None:
             return
         layer = self._layers[chart]
+        if action.endswith("added"):
+            self._session.editing.heads_changed(chart, {NEW: np.asarray(layer.data[-1])}, [])
+            return
         before = self.rows(chart)
         assert self._session.shown is not None
         known = dict(zip(self._session.shown.track_id[before].tolist(), before, strict=True))

@@ -114,7 +114,11 @@ class TrackLayers(QObject):
     def _showing_on(self, chart: str) -> Iterator[None]:
         tracks = self._session.shown
         if tracks is None or not self._can_show(chart, tracks):
-            self.remove(chart)
+            # Hidden, not removed: a canvas that loses its t axis and gets it again can crash
+            # OpenGL while it draws its images.
+            self.heads.remove(chart)
+            self._hide(chart)
+            self.lines.pop(chart, None)
             yield
             return
         lines = (lines_in_space if chart == IN_SPACE else lines_on_uv)(tracks)
@@ -224,6 +228,9 @@ class TrackLayers(QObject):
         """Give a layer other lines; napari is told once."""
         layer, lines = self._layers[chart], self.lines[chart]
         events = layer.events
+        # It may have been of another movie.
+        for name, value in self._placed(chart, tracks).items():
+            setattr(layer, name, value)
         self._syncing = True
         try:
             with events.rebuild_tracks.blocker(), events.color_by.blocker():
