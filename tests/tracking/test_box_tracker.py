@@ -7,7 +7,6 @@ import numpy.typing as npt
 import pytest
 
 import napari_unwrap3d as unwrap3d
-from moving import blebbing_movie
 from napari_unwrap3d.charts import FrameProtrusions
 from napari_unwrap3d.tracking.box_tracker import moved_by, track_boxes
 from napari_unwrap3d.tracking.boxes import Box, bounding_boxes
@@ -15,11 +14,6 @@ from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
 
 ROWS = 64
 TIMEPOINTS = 4
-
-
-@pytest.fixture(scope="module")
-def movie(tmp_path_factory: pytest.TempPathFactory) -> unwrap3d.Movie:
-    return blebbing_movie(tmp_path_factory.mktemp("movie"))
 
 
 def spot(place: tuple[float, float], radius_px: float = 8.0) -> npt.NDArray[np.bool_]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 import napari_unwrap3d as unwrap3d
-from moving import blebbing_movie
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.tracking.flow_fields import flow_fields
 from napari_unwrap3d.tracking.flows import FieldImages
@@ -18,9 +19,11 @@ ROWS = 64
 DIRECTIONS = directions_of_pixels(ROWS)
 
 
-@pytest.fixture(scope="module")
-def movie(tmp_path_factory: pytest.TempPathFactory) -> unwrap3d.Movie:
-    return blebbing_movie(tmp_path_factory.mktemp("movie"))
+@pytest.fixture(autouse=True)
+def nothing_kept(movie: unwrap3d.Movie) -> Iterator[None]:
+    """The movie is one of many tests."""
+    yield
+    movie.folder.drop_tracks("flow")
 
 
 def parameters(**flow: object) -> unwrap3d.Parameters:

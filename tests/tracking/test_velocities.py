@@ -7,7 +7,7 @@ import numpy.typing as npt
 import pytest
 
 import napari_unwrap3d as unwrap3d
-from moving import CENTRE_UM, RADIUS_UM, blebbing_movie
+from moving import CENTRE_UM, RADIUS_UM
 from napari_unwrap3d.charts import Tracks
 from napari_unwrap3d.errors import AxesError, InputError
 from napari_unwrap3d.tracking.optical_flow import directions_of_pixels
@@ -28,11 +28,6 @@ from napari_unwrap3d.tracking.velocities import (
 
 ROWS = 64
 Floats = npt.NDArray[np.float64]
-
-
-@pytest.fixture(scope="module")
-def movie(tmp_path_factory: pytest.TempPathFactory) -> unwrap3d.Movie:
-    return blebbing_movie(tmp_path_factory.mktemp("movie"))
 
 
 def tracks_at(movie: unwrap3d.Movie, track: list[int], time: list[int], places: Floats) -> Tracks:
