@@ -15,9 +15,9 @@ over which it is visible. Whoever is invisible for longer than the longest gap i
 it comes back, as between two cycles of a bleb that was nearly gone.
 
 The bars: links between two timepoints that follow each other, of all blebs that are visible at
-both of them; identities of blebs that lie over the seam or a pole of the uv image; lifetimes of
-those that begin and end within the movie. TrackMate's own tracks on its own data. CPU seconds
-for 200 timepoints with 100 blebs each on a 512 × 256 image, with the links and the series.
+both of them; identities of blebs that lie over the seam or a pole of the uv image, and of
+objects all over a ball that turns under it; lifetimes of blebs that begin and end within the
+movie; TrackMate's own links on its own data. tracks_time.py measures the time.
 """
 
 from __future__ import annotations
@@ -28,6 +28,7 @@ from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -35,12 +36,15 @@ from common import results
 from common.results import Bar, Entries
 from common.unwrapped import Unwrapped, unwrapped
 from scipy.optimize import linear_sum_assignment
+from scipy.spatial.transform import Rotation
 from scipy.stats import ks_2samp
 
 import napari_unwrap3d as unwrap3d
 from napari_unwrap3d.geometry.laplacian import vertex_mass
+from napari_unwrap3d.tracking.detections import FOOT
 from napari_unwrap3d.tracking.linking import link
-from napari_unwrap3d.tracking.objects import track_protrusions
+from napari_unwrap3d.tracking.objects import link_tables, track_protrusions
+from napari_unwrap3d.unwrapping.uv import direction_to_uv
 
 SEEDS = (0, 1, 2)
 TIMEPOINTS = 50
@@ -48,11 +52,13 @@ METHODS = ("surface", "boxes")
 VISIBLE_UM = 0.38
 NOTICED_UM = 0.56
 MOST = 0.5
+# Of walkers on a ball.
+WALKERS, WALK, BALL_UM, STEP_UM, NOISE_UM, POLE_PX = 60, 100, 5.0, 0.3, 0.1, 8.0
 TRACKMATE = Path(__file__).resolve().parents[2] / "shared" / "data" / "trackmate"
 TRACKMATE_STEP = 15.0
 
 LINKS_BAR = Bar(0.95, "of links", at_least=True)
-SEAM_BAR = Bar(0.95, "of blebs over seam or pole", at_least=True)
+SEAM_BAR = Bar(0.95, "of those over seam or pole", at_least=True)
 MEAN_BAR = Bar(0.05, "of the true mean")
 KS_BAR = Bar(0.1, "Kolmogorov-Smirnov distance")
 TRACKMATE_BAR = Bar(0.995, "of links", at_least=True)
@@ -276,6 +282,52 @@ def of_lifetimes(case: Unwrapped, tracks: unwrap3d.Tracks, gap: int, name: str) 
     }
 
 
+def walkers(seed: int) -> Entries:
+    """Objects all over a ball that turns: those that cross the seam or come to a pole."""
+    rng = np.random.default_rng(seed)
+    start = spread(WALKERS) + rng.normal(0, 0.1, (WALKERS, 3))
+    start /= np.linalg.norm(start, axis=1, keepdims=True)
+    axis = rng.normal(size=3)
+    axis /= np.linalg.norm(axis)
+    turns = STEP_UM / BALL_UM * np.arange(WALK)[:, None] * axis
+    path = np.stack([Rotation.from_rotvec(turn).apply(start) for turn in turns])
+    size = rng.uniform(1.0, 6.0, WALKERS)
+    tables = [(t, walked(rng, path[t], size)) for t in range(WALK)]
+    tracking = unwrap3d.Parameters().tracking
+    tracks = link_tables(tables, tracking, time_step_s=1.21, timepoints=WALK, rows=256)
+    places = direction_to_uv(path.reshape(-1, 3), 256).reshape(WALK, WALKERS, 2)
+    steps = np.abs(np.diff(places[..., 1], axis=0)).max(axis=0)
+    polar = np.minimum(places[..., 0], 255 - places[..., 0]).min(axis=0)
+    crossing = np.flatnonzero((steps > 128) | (polar < POLE_PX)) + 1
+    holds = [set(tracks.columns["label"][tracks.rows_of(k)].tolist()) for k in tracks.ids.tolist()]
+    kept = sum({one} in holds and sum(one in h for h in holds) == 1 for one in crossing.tolist())
+    entry = SEAM_BAR.entry(kept / len(crossing), objects=len(crossing))
+    return {f"tracks/identity-border-walkers/{seed}": entry}
+
+
+def spread(count: int) -> np.ndarray:
+    """Directions (count, 3), evenly spread over the sphere."""
+    number = np.arange(count) + 0.5
+    height = 1 - 2 * number / count
+    angle = np.pi * (1 + 5**0.5) * number
+    flat = np.sqrt(1 - height**2)
+    return np.stack([height, flat * np.cos(angle), flat * np.sin(angle)], axis=1)
+
+
+def walked(rng: np.random.Generator, directions: np.ndarray, size: np.ndarray) -> dict[str, Any]:
+    """The table of protrusions that stand in some directions (k, 3) of a ball."""
+    feet = BALL_UM * directions + rng.normal(0, NOISE_UM, directions.shape)
+    place = direction_to_uv(directions, 256)
+    return {
+        "label": np.arange(1, len(feet) + 1),
+        **dict(zip(("z_um", "y_um", "x_um"), feet.T, strict=True)),
+        **dict(zip(FOOT, feet.T, strict=True)),
+        **dict(zip(("v_px", "u_px"), place.T, strict=True)),
+        "area_um2": size * rng.normal(1, 0.05, len(size)),
+        "height_max_um": np.sqrt(size) / 2 * rng.normal(1, 0.05, len(size)),
+    }
+
+
 def with_method(parameters: unwrap3d.Parameters, method: str) -> unwrap3d.Parameters:
     """The defaults of today, whatever they were when the movie was unwrapped."""
     today = unwrap3d.Parameters()
@@ -311,6 +363,8 @@ def main() -> None:
     parser.add_argument("--methods", nargs="+", choices=METHODS, default=METHODS)
     options = parser.parse_args()
     entries = measure(tuple(options.seeds), options.timepoints, tuple(options.methods))
+    for seed in options.seeds:
+        entries |= walkers(seed)
     entries |= trackmate()
     results.show(entries)
     scored = tuple(options.seeds) == SEEDS and options.timepoints == TIMEPOINTS

@@ -23,6 +23,7 @@ import numpy as np
 from common import results
 from common.results import Bar, Entries
 from common.unwrapped import unwrapped
+from tracks_links import spread
 
 import napari_unwrap3d as unwrap3d
 from napari_unwrap3d.charts import FrameProtrusions
@@ -56,15 +57,6 @@ def repeated(source: unwrap3d.Movie, timepoints: int, folder: Path) -> unwrap3d.
         key = f"{source.folder.frame_key(t % len(source))}-{t}"
         movie.folder.keep_frame(replace(frame, timepoint=t), key)
     return movie
-
-
-def spread(count: int) -> np.ndarray:
-    """Directions (count, 3), evenly spread over the sphere."""
-    number = np.arange(count) + 0.5
-    height = 1 - 2 * number / count
-    angle = np.pi * (1 + 5**0.5) * number
-    flat = np.sqrt(1 - height**2)
-    return np.stack([height, flat * np.cos(angle), flat * np.sin(angle)], axis=1)
 
 
 def presence(rng: np.random.Generator, timepoints: int, step_s: float) -> np.ndarray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -76,7 +77,11 @@ def track_protrusions(
             timepoints=len(movie),
             rows=movie.common.uv.shape[0],
         )
+    linked = len(tracks.ids)
     tracks = lasting(tracks, chosen.tracking)
+    told = {"kind": chosen.protrusions.kind, "threshold_um": chosen.protrusions.threshold_um}
+    left_out = linked - len(tracks.ids)
+    tracks = replace(tracks, numbers={**tracks.numbers, **told, "left_out": left_out})
     movie.keep_tracks(NAME, tracks, tracks_key(movie, chosen))
     report(1.0, f"{len(tracks.ids)} tracks")
     return tracks
