@@ -230,7 +230,14 @@ def test_other_charts_have_no_tracks_and_layers_that_were_removed_come_again(
     window.tracking.set_tracks("", None)
     window.drawn()
     for model in (window.viewer, window.canvas.model):
-        assert not {"tracks", "track heads"} & {layer.name for layer in model.layers}
+        names = {layer.name for layer in model.layers if layer.visible}
+        assert not {"tracks", "track heads"} & names
+    # They come again: the canvases never lost their axis over t.
+    window.tracking.set_tracks("all", window.tracks)
+    window.drawn()
+    for chart in (SPACE, UV):
+        assert window.lines.layer(chart).visible
+        assert set(window.lines.layer(chart).features["track"]) == set(window.tracks.ids.tolist())
 
 
 def _zoom(window: Tracked) -> float:
