@@ -9,12 +9,14 @@ import pytest
 
 from moving import TIME_STEP_S, blebbing_movie
 from napari_unwrap3d import Movie, Parameters
+from napari_unwrap3d.analyses import tracked
 from napari_unwrap3d.charts import Tracks
 from napari_unwrap3d.errors import InputError, ParameterError
 from napari_unwrap3d.fields import CURVATURE
 from napari_unwrap3d.measuring.analysis import measure_tracks
 from napari_unwrap3d.measuring.fields import image_of
 from napari_unwrap3d.measuring.still import still_tracks
+from napari_unwrap3d.progress import Progress
 
 SPACE = ("z_um", "y_um", "x_um")
 
@@ -103,7 +105,8 @@ def test_places_that_do_not_move_are_everywhere_and_as_large(movie: Movie) -> No
     distance = np.linalg.norm(found.tracks.position_um - found.tracks.position_um.mean(0), axis=1)
     assert 3.5 < distance.min() <= distance.max() < 6.5
     assert "on_area_um2" not in found.table("series")
-    np.testing.assert_array_equal(still_tracks(movie, 60).track_id, found.tracks.track_id)
+    by_name = tracked(movie, "places", chosen(places=60), Progress())
+    np.testing.assert_array_equal(by_name.position_um, found.tracks.position_um)
 
 
 def test_ratios_of_signals_are_fields(movie: Movie) -> None:

@@ -43,6 +43,8 @@ class Measurements:
         ``correlation``.
         ``relationship``: the first correlated field in bins, ``mean`` and ``std`` of the
         correlation given it; ``density``: the field, ``correlation``, ``density``.
+        ``regions``: of annotations: ``region``, ``label``, ``timepoint``, ``time_s``, ``area_um2``,
+        ``area_px`` and the mean of every field.
         ``lifetimes``, ``speeds``: histograms: ``from_s``/``from_um_per_min``, ``to_…``, ``tracks``.
     numbers : mapping
         Single numbers with their units in the names, JSON-able.
