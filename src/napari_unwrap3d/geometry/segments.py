@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
+import numpy.typing as npt
 
-from ..charts import Floats
+Floats = npt.NDArray[np.float64]
 
 
 def across(direction: Floats) -> Floats:
