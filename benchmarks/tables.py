@@ -15,6 +15,7 @@ import re
 import statistics
 import sys
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ PAGES = PROJECT / "docs"
 PLACE = re.compile(r"(<!-- table: ([\w ]+) -->\n).*?(<!-- end of table -->)", re.DOTALL)
 
 Results = dict[str, dict[str, Any]]
+SPEEDS = ("ruffle-speed", "lateral-speed", "retrograde-speed")
 PROTRUSION_KINDS = ("blebs", "lamellipodia", "filopodia")
 # The title of a row: the entry, and whether more is better.
 PROTRUSION_NUMBERS = {
@@ -254,9 +256,9 @@ def protrusions_table(results: Results) -> str:
     return table(["", *heads], rows)
 
 
-def movies_table(results: Results) -> str:
-    """Every number of movies with its bar."""
-    start = "movies/"
+def bars_table(start: str, names: tuple[str, ...], results: Results) -> str:
+    """Every number with its bar, of the entries whose names begin like this."""
+    begins = tuple(start + name for name in names) or start
     rows = [
         [
             name[len(start) :],
@@ -265,7 +267,7 @@ def movies_table(results: Results) -> str:
             "yes" if entry["holds"] else "**no**",
         ]
         for name, entry in sorted(results.items())
-        if name.startswith(start)
+        if name.startswith(begins)
     ]
     return table(["what", "measured", "bar", "held"], rows)
 
@@ -398,7 +400,9 @@ TABLES: dict[str, Callable[[Results], str]] = {
     "closeness": closeness_table,
     "references": references_table,
     "protrusions": protrusions_table,
-    "movies": movies_table,
+    "movies": partial(bars_table, "movies/", ()),
+    "tracks": partial(bars_table, "tracks/", ()),
+    "tracks speeds": partial(bars_table, "tracks/", SPEEDS),
     "tracks means": tracks_means_table,
     "routes": routes_table,
     "machine": machine_table,
