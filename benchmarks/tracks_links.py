@@ -233,9 +233,10 @@ def lifetimes(case: Unwrapped, tracks: unwrap3d.Tracks, gap: int) -> tuple[np.nd
 
 
 def measure(seeds: tuple[int, ...], timepoints: int, methods: tuple[str, ...]) -> Entries:
-    """Links and lifetimes of every movie; identities over the borders of all together."""
+    """Links and lifetimes of every movie; lifetimes and identities over the borders of all."""
     entries: Entries = {}
     borders: dict[str, Counter[str]] = {method: Counter() for method in methods}
+    together: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {method: [] for method in methods}
     for seed in seeds:
         case = unwrapped("blebs", seed, timepoints, protrusions=False)
         for method in methods:
@@ -260,7 +261,12 @@ def measure(seeds: tuple[int, ...], timepoints: int, methods: tuple[str, ...]) -
                 f"{everyone[0]} of {everyone[1]} blebs, over a border in {kept} of {count}; "
                 f"{finding:.1f} CPU s, {seconds:.1f} without finding protrusions"
             )
-            entries |= of_lifetimes(case, tracks, gap, f"{method}/blebs-{seed}")
+            lived = lifetimes(case, tracks, gap)
+            entries |= of_lifetimes(*lived, f"{method}/blebs-{seed}")
+            together[method].append(lived)
+    for method, parts in together.items():
+        found_s, true_s = (np.concatenate(side) for side in zip(*parts, strict=True))
+        entries |= of_lifetimes(found_s, true_s, f"{method}/blebs")
     for method, counted in borders.items():
         share = counted["kept"] / counted["count"] if counted["count"] else None
         name = f"tracks/identity-border-{method}/blebs"
@@ -268,8 +274,8 @@ def measure(seeds: tuple[int, ...], timepoints: int, methods: tuple[str, ...]) -
     return entries
 
 
-def of_lifetimes(case: Unwrapped, tracks: unwrap3d.Tracks, gap: int, name: str) -> Entries:
-    found, true = lifetimes(case, tracks, gap)
+def of_lifetimes(found: np.ndarray, true: np.ndarray, name: str) -> Entries:
+    """How far lifetimes that were found are from the true ones, of one movie or of all."""
     error = abs(found.mean() / true.mean() - 1) if len(found) else None
     distance = ks_2samp(found, true).statistic if len(found) else None
     return {
