@@ -27,13 +27,16 @@ def test_every_parameter_has_a_title_a_description_and_a_unit() -> None:
         assert set(info.json_schema_extra) == {"unit", "source"}
     units = {name: info.json_schema_extra["unit"] for _, name, info in ALL}
     for name, unit in units.items():
-        assert not name.endswith("_um") or unit == "µm"
+        per_length = name.endswith("_per_um")
+        assert not per_length or unit == "1/µm"
+        assert per_length or not name.endswith("_um") or unit == "µm"
         assert not name.endswith("_voxels") or unit == "voxels"
 
 
 def test_every_group_belongs_to_a_step() -> None:
     used = {group for step in (*STEPS, *ON_REQUEST) for group in step.parameters}
-    assert used | {"registration", "movie"} == set(GROUPS)  # what is of a movie, not of a cell
+    of_movies = {"registration", "movie", "tracking", "boxes", "flow", "measurement"}
+    assert used | of_movies == set(GROUPS)
 
 
 def test_defaults_are_written_and_read_back() -> None:

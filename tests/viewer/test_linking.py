@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -38,12 +39,17 @@ def to_screen(viewer: Any, qt_viewer: Any, world: Any) -> QPoint:
     return QPoint(round(x / w), round(y / w))
 
 
-def hover(qt_viewer: Any, point: QPoint, found: Any, qtbot: Any) -> None:
-    """Move the pointer until it has been noticed."""
+def hover(qt_viewer: Any, place: Callable[[], QPoint], found: Any, qtbot: Any) -> None:
+    """Move the pointer to a place until it has been noticed there; the view may still be fitted."""
     native = qt_viewer.canvas.native
-    QTest.mouseMove(native, point + QPoint(3, 0))
-    QTest.mouseMove(native, point)
-    qtbot.waitUntil(found, timeout=SECONDS)
+
+    def noticed() -> bool:
+        point = place()
+        QTest.mouseMove(native, point + QPoint(3, 0))
+        QTest.mouseMove(native, point)
+        return bool(found())
+
+    qtbot.waitUntil(noticed, timeout=SECONDS)
 
 
 def test_a_place_in_uv_is_marked_on_the_surface(
@@ -58,7 +64,7 @@ def test_a_place_in_uv_is_marked_on_the_surface(
         place = cursor.place
         return place is not None and np.hypot(*(place.uv - target)) < 1
 
-    hover(canvas.qt_viewer, to_screen(viewer, canvas.qt_viewer, target), found, qtbot)
+    hover(canvas.qt_viewer, lambda: to_screen(viewer, canvas.qt_viewer, target), found, qtbot)
     expected, _ = small_atlas.map([cursor.place.uv], "uv", "surface")
     (mark,) = cursor.marks_3d.positions
     assert np.linalg.norm(mark - expected[0]) < 1.5 * small_atlas.voxel_um
@@ -96,7 +102,7 @@ def test_a_place_on_the_surface_is_marked_in_every_chart(
         near = 3 * small_atlas.voxel_um
         return place is not None and np.linalg.norm(place.position - world) < near
 
-    hover(main, to_screen(viewer, main, world), found, qtbot)
+    hover(main, lambda: to_screen(viewer, main, world), found, qtbot)
     place = cursor.place
     expected, _ = small_atlas.map([place.position], "surface", "uv")
     (mark,) = cursor.marks_unwrapped.positions
@@ -106,7 +112,7 @@ def test_a_place_on_the_surface_is_marked_in_every_chart(
     assert cursor.place is None, "the chart changed under the pointer"
     cursor.show(place)
     np.testing.assert_allclose(cursor.marks_unwrapped.positions[0][-2:], place.uv)
-    hover(main, QPoint(2, 2), lambda: cursor.place is None, qtbot)
+    hover(main, lambda: QPoint(2, 2), lambda: cursor.place is None, qtbot)
     assert not cursor.marks_unwrapped.visible
 
 
