@@ -138,6 +138,16 @@ def undisturbed(viewer: ViewerModel) -> Iterator[None]:
         yield
 
 
+@contextmanager
+def same_view(viewer: ViewerModel) -> Iterator[None]:
+    """Keep the camera where it is: napari fits the view anew when a layer brings another axis."""
+    camera = viewer.scene.camera
+    before = {name: getattr(camera, name) for name in ("center", "zoom", "angles")}
+    yield
+    for name, value in before.items():
+        setattr(camera, name, value)
+
+
 def _made(data: Any, attributes: dict[str, Any], kind: str) -> Layer:
     from napari.layers import Layer
 

@@ -17,7 +17,7 @@ from ..tracking.lines import TrackLines, lines_in_space, lines_on_uv
 from .canvas import canvas_of, open_canvas
 from .far_side import FarSide
 from .layers import KEY, PIXELS, SPACE, UNIT
-from .placing import chart_of, undisturbed
+from .placing import chart_of, same_view, undisturbed
 from .session import session_of
 from .time_axis import time_scale
 from .track_heads import TrackHeads
@@ -177,7 +177,7 @@ class TrackLayers(QObject):
         layer.events.colormap.connect(self._on_colormap)
         model = viewer if chart == IN_SPACE else canvas_of(viewer).model
         active = model.layers.selection.active
-        with undisturbed(model):
+        with undisturbed(model), same_view(model):
             if chart == IN_SPACE:
                 viewer.add_layer(layer)
             else:
