@@ -16,6 +16,7 @@ from ..motion.uv_stacks import field_label
 from .plot_kinds import (
     CHOSEN,
     FAINT,
+    FONT,
     LINE,
     MARK,
     OTHER,
@@ -44,6 +45,7 @@ PICK_POINTS = 4.0
 # So many single curves are drawn where nothing is selected; the others are in the mean.
 MOST_CURVES = 200
 KEYS = ("track_id", "timepoint", "time_s")
+NO_EVENT = "The selected tracks have no event."
 NOT_DRAWN = (*KEYS, "alive")
 OFF_COLOURS = {"": LINE, "on": LINE, "off": OTHER}
 
@@ -163,6 +165,8 @@ def _draw_aligned(
         axes.axvline(0.0, color=colours["secondary"], linewidth=0.8, linestyle="--")
         legend(axes, colours)
     count = int(table["count"].max()) if len(table) else 0
+    if not count:
+        all_axes[0].set_title(NO_EVENT, fontsize=FONT, color=colours["text"], loc="left")
     all_axes[-1].set_xlabel(f"Time from the peak (s), {count} events, mean ± s.e.m.")
 
 
@@ -292,6 +296,8 @@ def _draw_cross_correlation(
             _curve(axes, own, "correlation", CHOSEN[number % len(CHOSEN)], 1.2, 1.0)
     axes.axhline(0.0, color=colours["secondary"], linewidth=0.8)
     axes.axvline(0.0, color=colours["secondary"], linewidth=0.8, linestyle="--")
+    # Where few tracks reach, the interval of a mean is wider than any correlation.
+    axes.set_ylim(-1.05, 1.05)
     title = f"{one} and {other}; lag > 0: the second follows"
     styled(axes, colours, "Lag (s)", "Cross-correlation, mean and 95 % CI", title)
     legend(axes, colours)
