@@ -82,7 +82,7 @@ class Protruding:
 
     def row(self, label: int) -> int:
         """The row in which a protrusion is shown, −1 where it is not."""
-        source = self.dock.model.index(self.dock.model.labels.index(label), 0)
+        source = self.dock.model.index(self.dock.model.ids.index(label), 0)
         return int(self.dock.rows.mapFromSource(source).row())
 
     def click_row(self, label: int, keys: Any = NO_KEYS) -> None:
@@ -94,7 +94,7 @@ class Protruding:
 
     def selected_rows(self) -> set[int]:
         rows = self.dock.table.selectionModel().selectedRows()
-        return {self.dock.model.labels[self.dock.rows.mapToSource(row).row()] for row in rows}
+        return {self.dock.model.ids[self.dock.rows.mapToSource(row).row()] for row in rows}
 
     def click(self, native: Any, point: QPoint, keys: Any = NO_KEYS) -> None:
         mouse.move(native, point)

@@ -349,7 +349,7 @@ def test_columns_and_selection_survive_the_dock(cell: Protruding) -> None:
     assert not again.table.isColumnHidden(again.model.columns.index("solidity"))
     assert again.table.isColumnHidden(again.model.columns.index("area_um2"))
     rows = again.table.selectionModel().selectedRows()
-    assert [again.model.labels[again.rows.mapToSource(r).row()] for r in rows] == [2]
+    assert [again.model.ids[again.rows.mapToSource(r).row()] for r in rows] == [2]
 
 
 def test_the_table_of_other_parameters_is_grey(cell: Protruding) -> None:

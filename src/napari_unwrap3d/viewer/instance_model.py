@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-from qtpy.QtCore import QAbstractTableModel, QModelIndex, QSortFilterProxyModel, Qt
+from qtpy.QtCore import QModelIndex, QSortFilterProxyModel, Qt
 
 from ..protrusions.columns import COLUMNS
-from .annotation_list import swatch
+from .column_model import ColumnModel
 
 if TYPE_CHECKING:
     from ..charts import Protrusions
@@ -17,7 +16,6 @@ if TYPE_CHECKING:
 
 Role = Qt.ItemDataRole
 LABEL = "label"
-NOTHING = "–"
 
 
 def title(column: str) -> str:
@@ -28,7 +26,7 @@ def title(column: str) -> str:
     return f"{known.title} ({known.unit})" if known.unit else known.title
 
 
-class InstanceModel(QAbstractTableModel):
+class InstanceModel(ColumnModel):
     """The table as it was measured last.
 
     Parameters
@@ -37,11 +35,8 @@ class InstanceModel(QAbstractTableModel):
     """
 
     def __init__(self, instances: Instances, parent: Any = None) -> None:
-        super().__init__(parent)
+        super().__init__(LABEL, tuple(COLUMNS), parent)
         self._instances = instances
-        self.columns: tuple[str, ...] = tuple(COLUMNS)
-        self._values: dict[str, list[Any]] = {}
-        self.take(None)
 
     def take(self, found: Protrusions | None) -> None:
         """Show other rows."""
@@ -56,37 +51,9 @@ class InstanceModel(QAbstractTableModel):
             }
         self.endResetModel()
 
-    @property
-    def labels(self) -> list[int]:
-        """Of the rows."""
-        return [int(label) for label in self._values[LABEL]]
-
-    def rowCount(self, parent: QModelIndex | None = None) -> int:
-        """How many protrusions there are."""
-        return 0 if parent is not None and parent.isValid() else len(self._values[LABEL])
-
-    def columnCount(self, parent: QModelIndex | None = None) -> int:
-        """How many measures there are."""
-        return 0 if parent is not None and parent.isValid() else len(self.columns)
-
-    def data(self, index: QModelIndex, role: int = Role.DisplayRole) -> Any:
-        """Of a cell."""
-        column = self.columns[index.column()]
-        value = self._values[column][index.row()]
-        if role == Role.DisplayRole:
-            return text_of(value)
-        if role == Role.UserRole:
-            return -math.inf if isinstance(value, float) and math.isnan(value) else value
-        if role == Role.TextAlignmentRole and not isinstance(value, str):
-            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        if role == Role.DecorationRole and column == LABEL:
-            return swatch(self._instances.colour(int(value)))
-        return None
-
-    def plain(self, index: QModelIndex) -> str:
-        """A cell with all of its digits, as a spreadsheet reads it."""
-        value = self._values[self.columns[index.column()]][index.row()]
-        return "" if isinstance(value, float) and math.isnan(value) else str(value)
+    def colour(self, number: int) -> Any:
+        """Of a protrusion."""
+        return self._instances.colour(number)
 
     def headerData(
         self, section: int, orientation: Qt.Orientation, role: int = Role.DisplayRole
@@ -119,11 +86,4 @@ class ShownRows(QSortFilterProxyModel):
     def filterAcceptsRow(self, row: int, parent: QModelIndex) -> bool:
         """Whether a row is shown."""
         model = self.sourceModel()
-        return not isinstance(model, InstanceModel) or model.labels[row] not in self._hidden
-
-
-def text_of(value: Any) -> str:
-    """A number as it is read."""
-    if isinstance(value, float | np.floating):
-        return NOTHING if math.isnan(value) else f"{value:.4g}".replace("-", "−")
-    return str(value)
+        return not isinstance(model, InstanceModel) or model.ids[row] not in self._hidden

@@ -266,7 +266,7 @@ class ProtrusionTable(Docked):
     def _on_selected(self, *_: object) -> None:
         if self._syncing:
             return
-        labels = self.model.labels
+        labels = self.model.ids
         rows = self.table.selectionModel().selectedRows()
         chosen = [labels[self.rows.mapToSource(row).row()] for row in rows]
         # Those that were selected before keep their places: the first gives the label.
@@ -275,7 +275,7 @@ class ProtrusionTable(Docked):
 
     def _show_selection(self) -> None:
         """Select the rows of what is selected, and scroll to the last."""
-        labels, selection = self.model.labels, QItemSelection()
+        labels, selection = self.model.ids, QItemSelection()
         last = None
         for label in self.instances.selection:
             if label in labels:

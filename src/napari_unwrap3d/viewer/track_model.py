@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QAbstractTableModel, QModelIndex, Qt
+from qtpy.QtCore import Qt
 
 from ..charts.tracks import TRACK
 from ..measuring.plot_kinds import column_label
-from .annotation_list import swatch
-from .instance_model import text_of
+from .column_model import NOTHING, ColumnModel, text_of
 
 if TYPE_CHECKING:
     from .tracks_session import TracksSession
 
 Role = Qt.ItemDataRole
 MEAN = "mean_"
-NONE = "–"
 # Columns whose 0 says that there is none.
 PARTNERS = ("parent", "into")
 TITLES = {
@@ -47,7 +44,7 @@ def title(column: str) -> str:
     return TITLES.get(column) or column_label(column)
 
 
-class TrackModel(QAbstractTableModel):
+class TrackModel(ColumnModel):
     """A row per track that is shown, as the session has them.
 
     Parameters
@@ -56,10 +53,8 @@ class TrackModel(QAbstractTableModel):
     """
 
     def __init__(self, session: TracksSession, parent: Any = None) -> None:
-        super().__init__(parent)
+        super().__init__(TRACK, (TRACK,), parent)
         self._session = session
-        self.columns: tuple[str, ...] = (TRACK,)
-        self._values: dict[str, list[Any]] = {TRACK: []}
 
     def take(self) -> None:
         """Show the rows of what the session shows now."""
@@ -73,43 +68,19 @@ class TrackModel(QAbstractTableModel):
             self.columns = tuple(self._values)
         self.endResetModel()
 
-    @property
-    def ids(self) -> list[int]:
-        """The tracks of the rows."""
-        return [int(track) for track in self._values[TRACK]]
-
     def colours_changed(self) -> None:
         """The swatches have other colours."""
         if self.rowCount():
             last = self.index(self.rowCount() - 1, 0)
             self.dataChanged.emit(self.index(0, 0), last, [Role.DecorationRole])
 
-    def rowCount(self, parent: QModelIndex | None = None) -> int:
-        """How many tracks there are."""
-        return 0 if parent is not None and parent.isValid() else len(self._values[TRACK])
+    def colour(self, number: int) -> Any:
+        """Of a track."""
+        return self._session.colour(number)
 
-    def columnCount(self, parent: QModelIndex | None = None) -> int:
-        """How many properties there are."""
-        return 0 if parent is not None and parent.isValid() else len(self.columns)
-
-    def data(self, index: QModelIndex, role: int = Role.DisplayRole) -> Any:
-        """Of a cell."""
-        column = self.columns[index.column()]
-        value = self._values[column][index.row()]
-        if role == Role.DisplayRole:
-            return NONE if column in PARTNERS and value == 0 else text_of(value)
-        if role == Role.UserRole:
-            return -math.inf if isinstance(value, float) and math.isnan(value) else value
-        if role == Role.TextAlignmentRole and not isinstance(value, str):
-            return Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
-        if role == Role.DecorationRole and column == TRACK:
-            return swatch(self._session.colour(int(value)))
-        return None
-
-    def plain(self, index: QModelIndex) -> str:
-        """A cell with all of its digits, as a spreadsheet reads it."""
-        value = self._values[self.columns[index.column()]][index.row()]
-        return "" if isinstance(value, float) and math.isnan(value) else str(value)
+    def text(self, column: str, value: Any) -> str:
+        """What a person reads in a cell."""
+        return NOTHING if column in PARTNERS and value == 0 else text_of(value)
 
     def headerData(
         self, section: int, orientation: Qt.Orientation, role: int = Role.DisplayRole
