@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 import napari_unwrap3d as unwrap3d
 from napari_unwrap3d.errors import InputError
-from napari_unwrap3d.tracking.flow_fields import flow_fields
+from napari_unwrap3d.tracking.flow_fields import flow_fields, flow_surface
 from napari_unwrap3d.tracking.flows import FieldImages
 from napari_unwrap3d.tracking.optical_flow import directions_of_pixels
 from napari_unwrap3d.tracking.regions import Regions, track_flow
@@ -145,4 +145,11 @@ def test_mean_flow_on_the_surface(movie: unwrap3d.Movie) -> None:
     total = (found["divergence_per_min"] * area).sum()
     assert abs(total) < 0.05 * (np.abs(found["divergence_per_min"]) * area).sum()
     carried = movie.common.carry(found["speed_um_per_min"], "uv", "surface")
-    assert len(carried) == len(movie.common.surface.vertices)
+    fields = flow_surface(movie, parameters()).fields
+    np.testing.assert_array_equal(fields["speed_um_per_min"], carried)
+    angle = np.radians(found["direction_deg"])
+    one, other = (movie.common.carry(f(angle), "uv", "surface") for f in (np.cos, np.sin))
+    size = np.hypot(one, other)
+    turned = np.radians(fields["direction_deg"])
+    np.testing.assert_allclose(size * np.cos(turned), one, atol=1e-6)
+    np.testing.assert_allclose(size * np.sin(turned), other, atol=1e-6)

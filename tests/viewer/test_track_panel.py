@@ -17,6 +17,7 @@ from napari_unwrap3d import Movie, load_movie, read_tracks
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.tracking import objects
 from napari_unwrap3d.viewer import track_panel
+from napari_unwrap3d.viewer.flow_layers import NAMES
 from napari_unwrap3d.viewer.track_files import ImportDialog
 from napari_unwrap3d.viewer.track_layers import TrackLayers
 from napari_unwrap3d.viewer.track_panel import TracksDock, TracksPanel
@@ -292,3 +293,21 @@ def test_the_wizard_has_a_page_for_the_tracks_of_a_movie(
     window.wait(lambda: not layers.busy)
     assert window.session.wanted == window.session.timepoint == 3
     assert viewer.dims.current_step[0] == 3
+
+
+def test_the_flow_is_shown_on_the_surface(window: Tracked, panel: TracksPanel) -> None:
+    viewer = window.viewer
+    before = viewer.scene.camera.zoom
+    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
+    settle(window, panel)
+    layers = [viewer.layers[name] for name in NAMES.values()]
+    assert [layer.visible for layer in layers] == [True, False, False]
+    surface = window.movie.common.surface
+    for layer in layers:
+        np.testing.assert_array_equal(layer.faces, surface.faces)
+        assert np.isfinite(layer.vertex_values).all()
+    assert layers[0].vertex_values.min() >= 0
+    assert viewer.scene.camera.zoom == before
+    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
+    settle(window, panel)
+    assert sum(layer.name.startswith("flow") for layer in viewer.layers) == len(NAMES)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..charts import Floats
+from ..charts import Floats, Surface
 from ..geometry.padding import sample_uv_linear
 from ..parameters import Parameters
 from ..progress import Progress, silent
@@ -17,6 +17,8 @@ from .velocities import SECONDS, SPEED, VELOCITY, direction_deg, divergence
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
+
+DIRECTION, DIVERGENCE = "direction_deg", "divergence_per_min"
 
 
 def flow_fields(
@@ -60,6 +62,34 @@ def flow_fields(
     return _fields_of(movie, total, max(len(times) - 1, 1), minutes)
 
 
+def flow_surface(
+    movie: Movie, parameters: Parameters | None = None, progress: Progress | None = None
+) -> Surface:
+    """The common surface with the mean flow over the movie, as fields of its vertices.
+
+    Parameters
+    ----------
+    movie, parameters, progress
+        As of :func:`flow_fields`.
+
+    Returns
+    -------
+    Surface
+        With ``speed_um_per_min``, ``direction_deg`` and ``divergence_per_min``.
+    """
+    progress = progress or silent()
+    found = flow_fields(movie, parameters, progress.part(0.0, 0.9))
+    angle = np.radians(found[DIRECTION])
+    images = (found[SPEED], found[DIVERGENCE], np.sin(angle), np.cos(angle))
+    speed, spread, sine, cosine = (
+        np.asarray(movie.common.carry(image, "uv", "surface")) for image in images
+    )
+    # Angles are carried by their sine and cosine, as they go on at ±180°.
+    fields = {SPEED: speed, DIRECTION: np.degrees(np.arctan2(sine, cosine)), DIVERGENCE: spread}
+    surface: Surface = movie.common.surface.with_fields(**fields)
+    return surface
+
+
 def _fields_of(movie: Movie, total: Floats, steps: int, minutes: float) -> dict[str, Floats]:
     """Of the sum of the flow (N, 2N, 3) over some steps, which took so many minutes."""
     step = total / steps
@@ -75,6 +105,6 @@ def _fields_of(movie: Movie, total: Floats, steps: int, minutes: float) -> dict[
     return {
         **{name: velocity[..., axis] for axis, name in enumerate(VELOCITY)},
         SPEED: np.linalg.norm(velocity, axis=2),
-        "direction_deg": direction_deg(step),
-        "divergence_per_min": divergence(total, area) / minutes,
+        DIRECTION: direction_deg(step),
+        DIVERGENCE: divergence(total, area) / minutes,
     }

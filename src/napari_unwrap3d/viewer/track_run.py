@@ -15,11 +15,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from qtpy.QtCore import QEvent, QObject, Signal
 
-from ..charts import Tracks
+from ..charts import Surface, Tracks
 from ..errors import Cancelled, Unwrap3DError
 from ..geometry.apart import apart
 from ..parameters import Parameters
 from ..progress import Progress
+from .flow_layers import show_flow
 from .movie_run import movie_run_of
 from .movie_session import movie_session_of
 from .per_viewer import PerViewer
@@ -178,6 +179,25 @@ class TrackRun(QObject):
             self.tracks.look_for_tracks()
             self.told.emit(f"Found {counted(len(result.ids), 'track')}.")
 
+    def show_fields(self) -> None:
+        """Show the flow of a field over the movie on the common surface.
+
+        Raises
+        ------
+        Unwrap3DError
+            There is no movie; or something is going on.
+        """
+        movie, reason = self.movie, self.blocked("flow")
+        if movie is None or reason:
+            raise Unwrap3DError("There is nothing to show.", hint=reason)
+        self._begin("fields of the flow", partial(_flow, movie, self.parameters), self._on_flow)
+
+    def _on_flow(self, surface: Surface) -> None:
+        viewer = self._viewer()
+        if viewer is not None:
+            show_flow(viewer, surface)
+            self.told.emit("The flow is shown as layers: speed, direction, divergence.")
+
     def cancel(self) -> None:
         """Stop what is going on; returns at once."""
         if self._progress is not None:
@@ -300,6 +320,13 @@ def _worked(
         from ..tracking.objects import track_protrusions
 
         return track_protrusions(movie, parameters, progress)
+
+
+def _flow(movie: Movie, parameters: Parameters, progress: Progress) -> Surface:
+    with apart():
+        from ..tracking.flow_fields import flow_surface
+
+        return flow_surface(movie, parameters, progress)
 
 
 def _set_aside(movie: Movie, name: str, shown: Tracks | None) -> None:

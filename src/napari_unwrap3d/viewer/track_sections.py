@@ -21,12 +21,14 @@ from qtpy.QtWidgets import (
 )
 
 from ..charts import Frame, Tracks
+from ..errors import Unwrap3DError
 from ..parameters import Parameters
 from ..tracking.summary import summary
 from .forms import ParametersForm
 from .section import Section
 from .step_states import DONE, FAILED, NOT_READY, READY, RUNNING, STALE
 from .step_texts import COLOURS, MARKS
+from .threads import tell
 from .track_gate import TrackGate, track_gate_of
 from .track_run import TrackRun, Work, counted, run_or_tell
 from .turns import soon
@@ -100,8 +102,14 @@ class WorkSection(Section):
         self.reset_button.setToolTip("Back to the values that the plugin proposes.")
         self.run_button.setToolTip(f"{TITLES[work]}: run with these parameters.")
         self.cancel_button.setToolTip("Stop; the tracks stay as they were.")
+        self.fields_button = QPushButton("Fields on the surface")
+        self.fields_button.setToolTip(
+            "Show the mean flow over the movie as layers: speed, direction, divergence."
+        )
+        self.fields_button.setVisible(work == "flow")
         row = QHBoxLayout()
         row.addWidget(self.more)
+        row.addWidget(self.fields_button)
         row.addStretch(1)
         row.addWidget(self.reset_button)
         self.column.addWidget(self.form)
@@ -115,6 +123,7 @@ class WorkSection(Section):
         self.run_button.clicked.connect(self.start)
         self.cancel_button.clicked.connect(self.run.cancel)
         self.reset_button.clicked.connect(self.reset)
+        self.fields_button.clicked.connect(self.show_fields)
         self.more.toggled.connect(self.form.show_all)
         self.form.changed.connect(self._on_form)
         self.run.session.parameters_changed.connect(self._on_parameters)
@@ -134,6 +143,13 @@ class WorkSection(Section):
     def start(self) -> None:
         """Run; what is wrong is shown as a notification."""
         run_or_tell(self.run, self.work)
+
+    def show_fields(self) -> None:
+        """Show the flow of these parameters as fields of the surface."""
+        try:
+            self.run.show_fields()
+        except Unwrap3DError as error:
+            tell(error)
 
     def reset(self) -> None:
         """Take the defaults again."""
@@ -167,7 +183,9 @@ class WorkSection(Section):
         self.progress_bar.setVisible(running)
         self.cancel_button.setVisible(running)
         self.run_button.setVisible(not running)
-        self.run_button.setEnabled(not self.run.busy_with and not self.run.blocked(self.work))
+        can_begin = not self.run.busy_with and not self.run.blocked(self.work)
+        self.run_button.setEnabled(can_begin)
+        self.fields_button.setEnabled(can_begin)
         self.highlight(self._is_next())
 
     def _state(self) -> tuple[str, str]:
