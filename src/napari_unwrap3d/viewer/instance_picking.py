@@ -1,32 +1,20 @@
-"""A click on a protrusion, in any view, selects it.
-
-Only a click that moves nothing: a drag turns or moves the view as ever. While a brush or
-another tool is in hand, clicks are the tool's.
-"""
+"""A click on a protrusion, in any view, selects it; while a brush is in hand, it is the brush's."""
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from qtpy.QtCore import QEvent, QObject, Qt
-from qtpy.QtWidgets import QMainWindow
 
 from ..protrusions.editing import NAME
 from .canvas import canvas_of, open_canvas
+from .clicking import Clicks
 from .instances import Instances
 from .painting import LOOK
 from .placing import chart_of
 
-ADDING = ("Shift", "Control")
-# A hand is not quite still while it clicks.
-STILL_PIXELS = 4.0
-MOVES = "pan_zoom"
 
-
-class InstancePicking(QObject):
+class InstancePicking(Clicks):
     """Selects what is clicked in the two canvases of a viewer.
 
     Parameters
@@ -36,11 +24,9 @@ class InstancePicking(QObject):
     """
 
     def __init__(self, viewer: Any, instances: Instances) -> None:
-        super().__init__(instances)
-        self._viewer, self._instances = weakref.ref(viewer), instances
-        self._models: list[Any] = []
+        super().__init__(viewer, instances)
+        self._instances = instances
         instances.changed.connect(self._begin)
-        viewer.window._qt_window.installEventFilter(self)
         self._begin()
 
     def _begin(self) -> None:
@@ -48,47 +34,25 @@ class InstancePicking(QObject):
         viewer = self._viewer()
         if viewer is None or self._models or self._instances.found is None:
             return
-        self._models = [viewer, canvas_of(viewer).model]
-        for model in self._models:
-            model.mouse_drag_callbacks.append(self._on_press)
-        # Not as a key of napari's: that of the layer that is active goes before.
-        for native in self._natives():
-            native.installEventFilter(self)
+        canvas = canvas_of(viewer)
+        self.listen(viewer, viewer.window._qt_viewer.canvas.native)
+        self.listen(canvas.model, canvas.qt_viewer.canvas.native)
 
-    def _natives(self) -> list[Any]:
-        """The two canvases."""
-        viewer = self._viewer()
-        canvas = None if viewer is None else open_canvas(viewer)
-        if viewer is None or canvas is None:
-            return []
-        return [each.canvas.native for each in (viewer.window._qt_viewer, canvas.qt_viewer)]
-
-    def _on_press(self, model: Any, event: Any) -> Iterator[None]:
-        if event.button != 1 or not self._may_pick(model):
-            return
-        start, still = np.asarray(event.pos, dtype=float), True
-        yield
-        while event.type == "mouse_move":
-            still &= bool(np.linalg.norm(np.asarray(event.pos) - start) <= STILL_PIXELS)
-            yield
-        if still:
-            self._pick(model, event)
-
-    def _may_pick(self, model: Any) -> bool:
+    def may_pick(self, model: Any) -> bool:
+        """Whether there is a protrusion to click, and no tool is in hand."""
         instances = self._instances
         if instances.found is None or instances.reason() or instances.annotating.tool != LOOK:
             return False
-        active = model.layers.selection.active
-        return str(getattr(active, "mode", MOVES)) == MOVES
+        return super().may_pick(model)
 
-    def _pick(self, model: Any, event: Any) -> None:
+    def pick(self, model: Any, event: Any, adding: bool) -> None:
+        """Select what was clicked, or point at it where a person is asked to."""
         if self._instances.pointing:
             vertex = _vertex_of(self._place_at(model, event))
             if vertex is not None:
                 self._instances.point(vertex)
             return
         label = self._label_at(model, event)
-        adding = any(key in ADDING for key in event.modifiers)
         if label in self._instances.hidden:
             label = 0
         if label and adding:
@@ -139,21 +103,9 @@ class InstancePicking(QObject):
         vertex = _vertex_of(place)
         return 0 if vertex is None else int(edits.annotations.labels(NAME)[vertex])
 
-    def close(self) -> None:
-        """Listen no longer."""
-        models, self._models = self._models, []
-        for model in models:
-            if self._on_press in model.mouse_drag_callbacks:
-                model.mouse_drag_callbacks.remove(self._on_press)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Escape over a canvas; the window closes."""
-        kind = event.type()
-        if kind == QEvent.Type.KeyPress and event.key() == Qt.Key.Key_Escape:
-            self._instances.clear()
-        elif kind == QEvent.Type.Close and isinstance(watched, QMainWindow):
-            self.close()
-        return super().eventFilter(watched, event)
+    def clear(self) -> None:
+        """Select nothing."""
+        self._instances.clear()
 
 
 def _vertex_of(place: Any) -> int | None:

@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import weakref
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from qtpy.QtCore import QEvent, QObject, Qt
-from qtpy.QtWidgets import QMainWindow
 
 from ..charts import Floats
 from ..geometry.segments import across, distance_to_segments
 from .annotating import open_annotating
 from .canvas import open_canvas
-from .instance_picking import ADDING, MOVES, STILL_PIXELS
+from .clicking import Clicks
 from .painting import LOOK
 
 if TYPE_CHECKING:
@@ -27,7 +23,7 @@ NEAR_PIXELS = 8.0
 IN_SPACE, ON_UV = "surface", "uv"
 
 
-class TrackPicking(QObject):
+class TrackPicking(Clicks):
     """Selects the tracks that are clicked in the two canvases of a viewer.
 
     Parameters
@@ -38,13 +34,10 @@ class TrackPicking(QObject):
     """
 
     def __init__(self, viewer: Any, session: TracksSession, layers: TrackLayers) -> None:
-        super().__init__(session)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, session)
         self._session, self._layers = session, layers
-        self._models: list[Any] = []
         session.shown_changed.connect(self._begin)
         session.movies.frame_changed.connect(self._begin)
-        viewer.window._qt_window.installEventFilter(self)
         self._begin()
 
     def _begin(self, _: Any = None) -> None:
@@ -58,34 +51,21 @@ class TrackPicking(QObject):
             known.append((canvas.model, canvas.qt_viewer))
         for model, qt_viewer in known:
             if model not in self._models:
-                self._models.append(model)
-                model.mouse_drag_callbacks.append(self._on_press)
-                qt_viewer.canvas.native.installEventFilter(self)
+                self.listen(model, qt_viewer.canvas.native)
 
-    def _on_press(self, model: Any, event: Any) -> Iterator[None]:
-        if event.button != 1 or not self._may_pick(model):
-            return
-        start, still = np.asarray(event.pos, dtype=float), True
-        yield
-        while event.type == "mouse_move":
-            still &= bool(np.linalg.norm(np.asarray(event.pos) - start) <= STILL_PIXELS)
-            yield
-        if still:
-            self._pick(model, event)
-
-    def _may_pick(self, model: Any) -> bool:
+    def may_pick(self, model: Any) -> bool:
+        """Whether there is a track to click, and no tool is in hand."""
         viewer = self._viewer()
         if viewer is None or self._session.shown is None:
             return False
         annotating = open_annotating(viewer)
         if annotating is not None and annotating.tool != LOOK:
             return False
-        active = model.layers.selection.active
-        return str(getattr(active, "mode", MOVES)) == MOVES
+        return super().may_pick(model)
 
-    def _pick(self, model: Any, event: Any) -> None:
+    def pick(self, model: Any, event: Any, adding: bool) -> None:
+        """Select the track that was clicked."""
         track = self.track_at(model, event)
-        adding = any(key in ADDING for key in event.modifiers)
         if track is not None and adding:
             self._session.toggle(track)
         elif track is not None:
@@ -153,18 +133,6 @@ class TrackPicking(QObject):
         starts, ends, tracks_of = (np.concatenate(each) for each in zip(*parts, strict=True))
         return starts, ends, tracks_of
 
-    def close(self) -> None:
-        """Listen no longer."""
-        models, self._models = self._models, []
-        for model in models:
-            if self._on_press in model.mouse_drag_callbacks:
-                model.mouse_drag_callbacks.remove(self._on_press)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """Escape over a canvas; the window closes."""
-        kind = event.type()
-        if kind == QEvent.Type.KeyPress and event.key() == Qt.Key.Key_Escape:
-            self._session.select([])
-        elif kind == QEvent.Type.Close and isinstance(watched, QMainWindow):
-            self.close()
-        return super().eventFilter(watched, event)
+    def clear(self) -> None:
+        """Select nothing."""
+        self._session.select([])
