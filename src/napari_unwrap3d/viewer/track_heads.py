@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from napari.layers import Points
+from napari.layers import Layer, Points
 from qtpy.QtCore import QObject
 
 from ..charts import Floats, Ints, Tracks
@@ -248,13 +248,8 @@ class TrackHeads(QObject):
 
     def remove(self, chart: str) -> None:
         """Take the heads of a chart away."""
-        if chart not in self._layers:
-            return
-        layer, viewer = self._forget(chart), self._viewer()
-        canvas = None if viewer is None else open_canvas(viewer)
-        for model in (viewer, None if canvas is None else canvas.model):
-            if model is not None and layer in model.layers:
-                model.layers.remove(layer)
+        if chart in self._layers:
+            take_away(self._viewer(), self._forget(chart))
 
     def close(self) -> None:
         """Listen no longer."""
@@ -263,6 +258,15 @@ class TrackHeads(QObject):
         if viewer is not None:
             viewer.dims.events.point.disconnect(self._on_point)
             viewer.layers.events.removed.disconnect(self._on_removed)
+
+
+def take_away(viewer: Any, layer: Layer) -> None:
+    """Remove a layer from the canvas of a viewer, or its window's second one, that has it."""
+    canvas = None if viewer is None else open_canvas(viewer)
+    for model in (viewer, None if canvas is None else canvas.model):
+        if model is not None and layer in model.layers:
+            with undisturbed(model):
+                model.layers.remove(layer)
 
 
 def _selected(layer: Points) -> set[int]:

@@ -20,7 +20,7 @@ from .layers import KEY, PIXELS, SPACE, UNIT
 from .placing import chart_of, same_view, undisturbed
 from .session import session_of
 from .time_axis import time_scale
-from .track_heads import TrackHeads
+from .track_heads import TrackHeads, take_away
 from .turns import Turns, soon
 
 if TYPE_CHECKING:
@@ -321,12 +321,7 @@ class TrackLayers(QObject):
         self.lines.pop(chart, None)
         if chart not in self._layers:
             return
-        layer, viewer = self._forget(chart), self._viewer()
-        canvas = None if viewer is None else open_canvas(viewer)
-        for model in (viewer, None if canvas is None else canvas.model):
-            if model is not None and layer in model.layers:
-                with undisturbed(model):
-                    model.layers.remove(layer)
+        take_away(self._viewer(), self._forget(chart))
 
     def close(self) -> None:
         """Listen no longer."""
