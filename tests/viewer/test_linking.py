@@ -52,6 +52,16 @@ def hover(qt_viewer: Any, place: Callable[[], QPoint], found: Any, qtbot: Any) -
     qtbot.waitUntil(noticed, timeout=SECONDS)
 
 
+def leave(canvas: UnwrappedCanvas, qtbot: Any) -> None:
+    """Leave the second canvas; the display's own pointer is still there and may be told again."""
+
+    def left() -> bool:
+        QApplication.sendEvent(canvas.qt_viewer.canvas.native, QEvent(QEvent.Type.Leave))
+        return canvas.cursor.place is None
+
+    qtbot.waitUntil(left, timeout=SECONDS)
+
+
 def test_a_place_in_uv_is_marked_on_the_surface(
     window: Window, qtbot: Any, small_atlas: Atlas
 ) -> None:
@@ -79,15 +89,18 @@ def test_a_place_in_uv_is_marked_on_the_surface(
     after = [list(viewer.layers), list(canvas.model.layers), viewer.layers.selection.active]
     assert after == before, "marks are no layers"
 
-    def left() -> bool:
-        # The virtual display's own pointer is still there and may be told again.
-        QApplication.sendEvent(canvas.qt_viewer.canvas.native, QEvent(QEvent.Type.Leave))
-        return cursor.place is None
-
-    qtbot.waitUntil(left, timeout=SECONDS)
+    leave(canvas, qtbot)
     assert not cursor.marks_3d.visible
     assert not cursor.marks_unwrapped.visible
     assert canvas.status.text() == ""
+
+
+def test_leaving_is_noticed_even_if_entering_was_not(window: Window, qtbot: Any) -> None:
+    _, canvas = window
+    leave(canvas, qtbot)
+    middle = canvas.qt_viewer.canvas.native.rect().center()
+    hover(canvas.qt_viewer, lambda: middle, lambda: canvas.cursor.place is not None, qtbot)
+    leave(canvas, qtbot)
 
 
 def test_a_place_on_the_surface_is_marked_in_every_chart(

@@ -115,11 +115,15 @@ class LinkedCursor(QObject):
 
     # The pointer ----------------------------------------------------------------
 
-    def _on_move_unwrapped(self, _: Any, event: Any) -> None:
+    def _on_move_unwrapped(self, model: Any, event: Any) -> None:
+        # Leaving is told only after entering was, which a window may miss that opens
+        # under the pointer.
+        model.mouse_over_canvas = True
         if self.ready and self._canvas.image(self._canvas.chart):
             self.show(self.unwrapped_place(event))
 
     def _on_move_3d(self, viewer: Any, event: Any) -> None:
+        viewer.mouse_over_canvas = True
         if self.ready and viewer.dims.ndisplay == 3:
             self.show(self.place_in_3d(viewer, event))
 
