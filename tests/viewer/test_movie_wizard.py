@@ -15,9 +15,9 @@ import pytest
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.motion.movie import Movie
 from napari_unwrap3d.motion.stages import MovieWork
-from napari_unwrap3d.viewer.autosave import left_behind
-from napari_unwrap3d.viewer.movie_run import ASK_TIME_STEP, NO_TIMELAPSE, STAGES
-from napari_unwrap3d.viewer.threads import THREAD_NAME
+from napari_unwrap3d.viewer.common.threads import THREAD_NAME
+from napari_unwrap3d.viewer.files.autosave import left_behind
+from napari_unwrap3d.viewer.movies.run import ASK_TIME_STEP, NO_TIMELAPSE, STAGES
 from napari_unwrap3d.viewer.wizard import Wizard
 from viewer.directing import SCALE, TIMED, TIMEPOINTS, UM, Director, add_stack, cells
 from viewer.playing import TIME_STEP_S
@@ -29,7 +29,7 @@ DONE, STALE, READY = "●", "◐", "○"
 def unsaved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Movies that are left behind are kept in a folder of the test."""
     place = tmp_path / "unsaved"
-    for module in ("autosave", "project", "movie_folders"):
+    for module in ("files.autosave", "files.project", "movies.folders"):
         monkeypatch.setattr(f"napari_unwrap3d.viewer.{module}.unsaved_folder", lambda: place)
     return place
 

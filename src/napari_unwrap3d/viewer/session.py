@@ -17,15 +17,14 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline, Source
-from .binding import warn_of_binding
-from .computing import Computation, Known, Outcome
-from .keeping import keeping
-from .layers import LayerData, atlas_charts
-from .per_viewer import PerViewer
-from .picture import Picture
-from .previews import Previews
-from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
-from .step_states import (
+from .annotations.keeping import keeping
+from .common.binding import warn_of_binding
+from .common.per_viewer import PerViewer
+from .common.threads import Task, quiet_collector, tell
+from .common.turns import Turns, soon
+from .steps.computing import Computation, Known, Outcome
+from .steps.previews import Previews
+from .steps.states import (
     DONE,
     FAILED,
     NOT_READY,
@@ -37,8 +36,9 @@ from .step_states import (
     pipeline_states,
     step_of,
 )
-from .threads import Task, quiet_collector, tell
-from .turns import Turns, soon
+from .views.layers import LayerData, atlas_charts
+from .views.picture import Picture
+from .views.sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
