@@ -230,8 +230,8 @@ class Wizard(Docked):
 
     def _on_movie(self) -> None:
         """There is a page for the movie where there is a timelapse, or a movie; then tracks."""
-        run = self.movie.run
-        there = run.source is not None or run.movie is not None or bool(run.candidates())
+        run, chosen = self.movie.run, self.movie.run.chosen
+        there = chosen.source is not None or run.movie is not None or bool(chosen.candidates())
         for page, wanted in ((self.movie, there), (self.tracks, run.movie is not None)):
             index = self.pages.indexOf(page)
             self.pages.setTabVisible(index, wanted or self.pages.currentIndex() == index)

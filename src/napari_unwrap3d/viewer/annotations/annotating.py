@@ -17,13 +17,13 @@ from ...atlas import Atlas
 from ...charts import Ints
 from ...errors import Unwrap3DError
 from ..common.per_viewer import PerViewer
-from ..common.threads import Task, tell
 from ..session import session_of
 from ..views.canvas import canvas_of
 from ..views.layers import FRAME
 from ..views.placing import chart_of
 from .arrows import AxisArrow
 from .colours import LABELS, Colour, Colours, colour_of
+from .direct import DirectForDrawing
 from .drawing_layers import DrawingLayers
 from .painting import LOOK, POINT, TOOLS, SurfacePainter
 from .point_layers import PointLayers
@@ -40,11 +40,6 @@ if TYPE_CHECKING:
 
 KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
-COMPUTING = (
-    "Computing the direct chart, to show every fold of the surface. You can draw meanwhile; "
-    "under overhangs the surface shows what lies outermost until then."
-)
-CLOSE_SECONDS = 5.0
 
 
 class Annotating(QObject):
@@ -84,9 +79,11 @@ class Annotating(QObject):
         self._renaming: tuple[str, str] | None = None
         self._session: Session | None = None
         self._canvas: UnwrappedCanvas | None = None
-        self._direct: Task | None = None
         self._frame: ShownFrame | None = None
         self._watching: Watching | None = None
+        self._direct = DirectForDrawing(self)
+        self._direct.told.connect(self.told)
+        self._direct.computed.connect(self._on_charts)
         self.painter = SurfacePainter(viewer, self)
         self.layers = DrawingLayers(viewer, self)
         self.shapes = ShapeLayers(self)
@@ -166,7 +163,7 @@ class Annotating(QObject):
         if canvas is not self._canvas:
             self._canvas = canvas
             canvas.charts_changed.connect(self._on_charts)
-            canvas.requested.changed.connect(self._on_requested)
+            canvas.requested.changed.connect(self._direct.on_requested)
             self.layers.use_canvas(canvas)
             self.points.use_canvas(canvas)
             for key, what in KEYS.items():
@@ -229,8 +226,7 @@ class Annotating(QObject):
             if model is not None:
                 for key in KEYS:
                     model.bind_key(key, None, overwrite=True)
-        if self._direct is not None:
-            self._direct.wait(CLOSE_SECONDS)
+        self._direct.close()
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes."""
@@ -435,7 +431,7 @@ class Annotating(QObject):
             self.chosen.emit()
         if names:
             self.painter.prepare()
-            self._prepare_direct()
+            self._direct.prepare()
         self.listed.emit()
         self.layers.restyle()
         self.edited.emit()
@@ -443,43 +439,10 @@ class Annotating(QObject):
     def _on_changed(self, _: Any = None) -> None:
         self.edited.emit()
 
-    # The direct chart, which gives every sheet of the surface a place of its own ----------
-
-    def _prepare_direct(self) -> None:
-        atlas = self.atlas
-        if atlas is None or self._direct is not None or atlas.has("direct"):
-            return
-        if "reason" in atlas.quality.get("direct", {}) or not atlas.has("topography"):
-            return
-        if self._canvas is not None:
-            self._canvas.compute("direct")
-            return
-        self.told.emit(COMPUTING)
-        self._direct = Task(getattr, atlas, "direct")
-        self._direct.returned.connect(self._on_direct)
-        self._direct.failed.connect(self._on_no_direct)
-        self._direct.start()
-
-    def _on_direct(self, _: Any) -> None:
-        self._direct = None
-        self.told.emit("")
-        self._on_charts()
-
-    def _on_requested(self) -> None:
-        """The second canvas began to compute a chart, or ended."""
-        if self._canvas is not None and self.names:
-            self.told.emit(COMPUTING if self._canvas.requested.running == "direct" else "")
-
     def _on_charts(self) -> None:
         """A chart was computed: where it is the direct one, the surface shows that."""
         if self._texturing is not None:
             self._texturing.remake()
-
-    def _on_no_direct(self, error: BaseException) -> None:
-        self._direct = None
-        self.told.emit("")
-        if self.atlas is not None:
-            tell(error)
 
 
 def _begin(viewer: Any, annotating: Annotating) -> None:

@@ -27,8 +27,9 @@ from qtpy.QtWidgets import (
 
 from ..common.connections import end_with_dock
 from ..common.docking import Docked
-from .annotating import COMPUTING, Annotating, annotating_of
+from .annotating import Annotating, annotating_of
 from .colours import LABELS
+from .direct import COMPUTING
 from .list import AnnotationList
 from .measures import MeasuresBox
 from .painting import BRUSH, ERASE, FILL, LASSO, LOOK, POINT

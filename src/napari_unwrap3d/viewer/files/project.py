@@ -134,9 +134,7 @@ def _of_source(atlas: Atlas, source: Source) -> Atlas:
     """The atlas with parameters for the source as it was kept: without a t axis."""
     if not isinstance(source, Stack) or "t" in source.axes or not atlas.parameters.stack.timepoint:
         return atlas
-    groups = atlas.parameters.model_dump()
-    groups["stack"]["timepoint"] = 0
-    return atlas.replaced(parameters=Parameters.from_dict(groups))
+    return atlas.replaced(parameters=atlas.parameters.changed("stack", {"timepoint": 0}))
 
 
 def _origin(view: Mapping[str, Any]) -> Size3:

@@ -27,25 +27,18 @@ from ..common.per_viewer import PerViewer
 from ..common.threads import Task, quiet_collector, tell
 from ..common.turns import soon
 from ..session import session_of
-from ..views.sources import layer_voxel_size, set_voxel_size
+from .chosen import ChosenTimelapse
 from .computing import LOOKING, Failure, MovieComputation
 from .folders import WorkingFolder
 from .opened import OpenedMovie
 from .session import movie_session_of
 from .showing import showing_movie
-from .sources import Candidate, candidates, set_time_step, timelapse_of
 from .tables import TableReader, Tables
 
 CLOSE_SECONDS = 5.0
 DEBOUNCE_MS = 300
 STAGES: tuple[Stage, ...] = ("register", "segment", "common", "frame")
 
-NO_TIMELAPSE = (
-    "Open a timelapse: a stack or label image with a t axis, or several masks or meshes, one for "
-    "each timepoint (or File > Open Sample)."
-)
-ASK_VOXEL_SIZE = "The layer is in pixels. Fill in its voxel size (z, y, x) in µm."
-ASK_TIME_STEP = "Fill in the time between two timepoints in s."
 CANCELLED = "Cancelled. Run again to go on; what was made stays."
 
 
@@ -54,7 +47,7 @@ class MovieRun(QObject):
 
     Attributes
     ----------
-    source : Candidate or None
+    chosen : ChosenTimelapse
         The layers of the timelapse.
     state : MovieState or None
         What of the movie is done, for the parameters as they are.
@@ -94,13 +87,10 @@ class MovieRun(QObject):
         super().__init__(parent)
         self._viewer = weakref.ref(viewer)
         self.session = session_of(viewer)
-        self.source: Candidate | None = None
         self.state: MovieState | None = None
         self.failures: list[Failure] = []
         self.movie: Movie | None = None
         self.busy_with = ""  # opening or saving
-        self._voxel_size: Size3 | None = None
-        self._time_step: float | None = None
         self._lapse: tuple[Timelapse, Size3] | None = None
         self._work: MovieWork | None = None
         self._working: WorkingFolder | None = None
@@ -118,101 +108,26 @@ class MovieRun(QObject):
         self._rest = soon(self, self._look, DEBOUNCE_MS)
         self.session.parameters_changed.connect(self._on_parameters)
         self.session.running_changed.connect(self._on_session)
-        for name in ("inserted", "removed"):
-            getattr(viewer.layers.events, name).connect(self._on_layers)
-        self._choose_first()
+        self.chosen = ChosenTimelapse(viewer, self)
+        self.chosen.changed.connect(self._on_source)
+        self.chosen.listed.connect(self.source_changed)
 
     @property
     def viewer(self) -> Any:
         """The viewer; None once it is gone."""
         return self._viewer()
 
-    # The source ------------------------------------------------------------------
+    @property
+    def parameters(self) -> Parameters:
+        """The session's, with a label where the timelapse is of labels."""
+        return self.chosen.labelled(self.session.parameters)
 
-    def candidates(self) -> list[Candidate]:
-        """What can be a timelapse."""
-        viewer = self._viewer()
-        return [] if viewer is None else candidates(viewer.layers)
-
-    def set_source(
-        self,
-        source: Candidate | None,
-        voxel_size: Size3 | None = None,
-        time_step: float | None = None,
-    ) -> None:
-        """Choose the timelapse.
-
-        Parameters
-        ----------
-        source : Candidate or None
-        voxel_size : (float, float, float), optional
-            (z, y, x) in µm, for layers in pixels.
-        time_step : float, optional
-            Seconds between two timepoints, where the layer does not tell.
-        """
-        another = source != self.source
-        if not another and (voxel_size, time_step) == (self._voxel_size, self._time_step):
-            return
-        self.source, self._voxel_size, self._time_step = source, voxel_size, time_step
+    def _on_source(self, another: bool) -> None:
         self._lapse = None
         if another:
             self._work, self.state, self.failures = None, None, []
         self.source_changed.emit()
         self.state_changed.emit()
-
-    @property
-    def voxel_size(self) -> Size3 | None:
-        """(z, y, x) in µm: the layer's own, or what was filled in."""
-        known = None if self.source is None else self.source.voxel_size
-        return known if known is not None else self._voxel_size
-
-    @property
-    def time_step(self) -> float | None:
-        """Seconds between two timepoints: the layer's own, or what was filled in."""
-        known = None if self.source is None else self.source.time_step
-        return known if known is not None else self._time_step
-
-    def blocked(self) -> str:
-        """Why nothing can run, in words for the user; empty if it can."""
-        if self.source is None:
-            return NO_TIMELAPSE
-        if self.voxel_size is None:
-            return ASK_VOXEL_SIZE
-        return "" if self.time_step else ASK_TIME_STEP
-
-    def _on_layers(self, _: Any = None) -> None:
-        if self._closed:
-            return
-        viewer = self._viewer()
-        if viewer is None:
-            return
-        gone = self.source is not None and any(
-            layer not in viewer.layers for layer in self.source.layers
-        )
-        if gone:
-            self.set_source(None)
-        if self.source is None:
-            self._choose_first()
-        self.source_changed.emit()
-
-    def _choose_first(self) -> None:
-        found = self.candidates()
-        if found:
-            self.set_source(found[0])
-
-    @property
-    def parameters(self) -> Parameters:
-        """The session's, with a label where the timelapse is of labels."""
-        chosen = self.session.parameters
-        label = chosen.stack.label
-        if self.source is None or not self.source.is_of_labels:
-            label = None
-        elif label is None:
-            label = max(int(self.source.layers[0].selected_label), 1)
-        if label == chosen.stack.label:
-            return chosen
-        stack = chosen.stack.model_copy(update={"label": label})
-        return chosen.model_copy(update={"stack": stack})
 
     # Running ---------------------------------------------------------------------
 
@@ -243,26 +158,15 @@ class MovieRun(QObject):
         """
         if self.running:
             raise Unwrap3DError("A run is in progress.", hint="Cancel it first.")
-        if reason := self.blocked():
+        if reason := self.chosen.blocked():
             raise Unwrap3DError("There is nothing to run on.", hint=reason)
-        self._lapse = self._read_source()
+        self._lapse = self.chosen.read()
         self._choose_folder(self._lapse[0])
         self._work = self._new_work({})
         self.failures = []
         self._again = False
         wanted = None if timepoints is None else frozenset(timepoints)
         self._start(self._work, until, wanted)
-
-    def _read_source(self) -> tuple[Timelapse, Size3]:
-        assert self.source is not None
-        voxel_size, step = self.voxel_size, self.time_step
-        lapse = timelapse_of(self.source, voxel_size, step)
-        for layer in self.source.layers:
-            if layer_voxel_size(layer) is None and voxel_size is not None:
-                set_voxel_size(layer, voxel_size)
-        if len(self.source.layers) == 1 and self.source.time_step is None and step is not None:
-            set_time_step(self.source.layers[0], step)
-        return lapse
 
     def _choose_folder(self, lapse: Timelapse) -> None:
         """Another timelapse is made in another folder; the one before stays until the end."""
@@ -527,10 +431,7 @@ class MovieRun(QObject):
         self._rest.stop()
         self._reader.forget()
         self._reader.wait(CLOSE_SECONDS)
-        viewer = self._viewer()
-        if viewer is not None:
-            for name in ("inserted", "removed"):
-                getattr(viewer.layers.events, name).disconnect(self._on_layers)
+        self.chosen.close()
         if self._computation is not None:
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
@@ -538,7 +439,7 @@ class MovieRun(QObject):
             self._task_progress.cancel()
             self._task.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
-        self.source = self._lapse = self._work = self.movie = None
+        self._lapse = self._work = self.movie = None
         for working in [*self._before, *([self._working] if self._working else [])]:
             working.close()
 

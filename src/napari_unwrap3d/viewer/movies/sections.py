@@ -145,7 +145,7 @@ class StageSection(Section):
 
     def _senseless(self, parameters: Parameters) -> set[str]:
         """What makes no sense for the timelapse, or with the other parameters."""
-        source = self.run.source
+        source = self.run.chosen.source
         layer = None if source is None else source.layers[0]
         if self.stage == "segment":
             return senseless_parameters(layer) if layer is not None else set()
@@ -172,7 +172,7 @@ class StageSection(Section):
         self.progress_bar.setVisible(running)
         self.cancel_button.setVisible(running)
         self.run_button.setVisible(not running)
-        self.run_button.setEnabled(not self.run.running and not self.run.blocked())
+        self.run_button.setEnabled(not self.run.running and not self.run.chosen.blocked())
         self.highlight(self._is_next() and not self.run.running)
 
     def _state(self) -> tuple[str, str]:
@@ -185,13 +185,13 @@ class StageSection(Section):
             state = STATES[self.run.state.of(self.stage)]
             if state != READY:
                 return state, ""
-        if self.run.source is None or self.run.blocked():
-            return NOT_READY, self.run.blocked()
+        if self.run.chosen.source is None or self.run.chosen.blocked():
+            return NOT_READY, self.run.chosen.blocked()
         return READY, ""
 
     def _is_next(self) -> bool:
         """Whether this is the first stage with something left to do."""
-        if self.run.blocked():
+        if self.run.chosen.blocked():
             return False
         state = self.run.state
         left = (s for s in STAGES if state is None or state.of(s) != PIECE_DONE)
@@ -337,7 +337,7 @@ class FramesSection(StageSection):
 
     def _on_state(self) -> None:
         super()._on_state()
-        source, state = self.run.source, self.run.state
+        source, state = self.run.chosen.source, self.run.state
         count = len(state.pieces["frame"]) if state is not None else 0
         count = source.timepoints if source is not None else count
         self.timepoint.setMaximum(max(count - 1, 0))

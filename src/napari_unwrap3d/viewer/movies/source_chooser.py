@@ -67,20 +67,20 @@ class MovieSourceChooser(QWidget):
         self._on_running(run.running)
 
     def _choices(self, _: Any = None) -> list[tuple[str, Candidate]]:
-        return [(each.title, each) for each in self.run.candidates()]
+        return [(each.title, each) for each in self.run.chosen.candidates()]
 
     def _on_chosen(self, source: Candidate | None) -> None:
         if not self._showing:
-            self.run.set_source(source)
+            self.run.chosen.choose(source)
 
     def _on_filled_in(self) -> None:
         if not self._showing:
             seconds = self.time_step.value() or None
-            self.run.set_source(self.run.source, self.voxel_size.value, seconds)
+            self.run.chosen.choose(self.run.chosen.source, self.voxel_size.value, seconds)
 
     def _show(self) -> None:
         """Show the source; what a layer tells is changed at the layer, not here."""
-        source = self.run.source
+        source = self.run.chosen.source
         self._showing = True
         self.layer_box.reset_choices()
         if source is not None and source in self.layer_box.choices:
@@ -91,12 +91,12 @@ class MovieSourceChooser(QWidget):
         self.time_step.setEnabled(source is not None and step is None)
         # What is half filled in stays.
         another, self._shown = source is not self._shown, source
-        if another or self.run.voxel_size is not None:
-            self.voxel_size.value = self.run.voxel_size
-        if another or self.run.time_step is not None:
-            show_number(self.time_step, self.run.time_step or 0.0)
+        if another or self.run.chosen.voxel_size is not None:
+            self.voxel_size.value = self.run.chosen.voxel_size
+        if another or self.run.chosen.time_step is not None:
+            show_number(self.time_step, self.run.chosen.time_step or 0.0)
         self._showing = False
-        note = "" if self.run.movie is not None and source is None else self.run.blocked()
+        note = "" if self.run.movie is not None and source is None else self.run.chosen.blocked()
         self.note.setText(note)
         self.note.setVisible(bool(note))
 

@@ -199,7 +199,7 @@ class MoviePanel(QWidget):
         busy = self.run.running or bool(self.run.busy_with)
         self.progress_bar.setVisible(busy)
         self.cancel_button.setEnabled(busy)
-        self.run_button.setEnabled(not busy and not self.run.blocked())
+        self.run_button.setEnabled(not busy and not self.run.chosen.blocked())
         self.save_button.setEnabled(not busy and self.run.movie is not None)
         self.open_button.setEnabled(not busy)
         self._show_failures()

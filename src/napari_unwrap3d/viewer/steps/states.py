@@ -80,6 +80,36 @@ def pipeline_states(
     return states
 
 
+def states_now(
+    states: Mapping[str, StepState],
+    problems: Mapping[str, str],
+    failed: tuple[str, str] | None,
+    running: str,
+) -> dict[str, StepState]:
+    """The states of the steps, with what is wrong and what goes on.
+
+    Parameters
+    ----------
+    states : mapping
+        As of :func:`pipeline_states`; a step that runs is marked in it.
+    problems : mapping
+        Group of parameters → what of it is out of range.
+    failed : (str, str) or None
+        The step that failed last, and why.
+    running : str
+        The step that runs; empty if none does.
+    """
+    now = dict(states)
+    for group, problem in problems.items():
+        now[step_of(group)] = StepState(NOT_READY, reason=problem)
+    if failed is not None and failed[0] in now:
+        step, reason = failed
+        now[step] = StepState(FAILED, reason=reason)
+    if running:
+        now[running].state = RUNNING
+    return now
+
+
 def _missing(name: str, states: Mapping[str, StepState]) -> str:
     """The first earlier step without a result; the steps on request need all others."""
     earlier = STEP_NAMES[: STEP_NAMES.index(name)] if name in STEP_NAMES else STEP_NAMES
