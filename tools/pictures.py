@@ -288,9 +288,9 @@ def bottom(person: Person) -> None:
 
 def protrusions(person: Person) -> None:
     """The table, and one protrusion that is selected in every view."""
-    from napari_unwrap3d.viewer.annotating import annotating_of
-    from napari_unwrap3d.viewer.docking import dock_of
-    from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
+    from napari_unwrap3d.viewer.annotations.annotating import annotating_of
+    from napari_unwrap3d.viewer.common.docking import dock_of
+    from napari_unwrap3d.viewer.protrusions.table import ProtrusionTable
 
     annotating, session = annotating_of(person.viewer), person.wizard.session
     for name in annotating.names:
@@ -334,7 +334,7 @@ def own_settings() -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         # napari reads this when it is imported.
         os.environ["NAPARI_CONFIG"] = str(Path(folder) / "settings.yaml")
-        from napari_unwrap3d.viewer import autosave
+        from napari_unwrap3d.viewer.files import autosave
 
         # An absolute folder wins over where the system keeps such files.
         autosave.FOLDER = str(Path(folder) / "unsaved")

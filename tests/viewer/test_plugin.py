@@ -10,17 +10,18 @@ import npe2
 import numpy as np
 import pytest
 
+import napari_unwrap3d
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import save_project
-from napari_unwrap3d.viewer import samples
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
-from napari_unwrap3d.viewer.canvas import canvas_of
-from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
+from napari_unwrap3d.viewer.files import samples
 from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.views.canvas import canvas_of
+from napari_unwrap3d.viewer.views.placing import chart_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
 PLUGIN = "napari-unwrap3d"
-MANIFEST = Path(samples.__file__).parents[1] / "napari.yaml"
+MANIFEST = Path(napari_unwrap3d.__file__).parent / "napari.yaml"
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.tracking.laying import position_of
-from napari_unwrap3d.viewer.track_colours import DIMMED
+from napari_unwrap3d.viewer.tracks.colours import DIMMED
 from viewer.playing import TIMEPOINTS
 from viewer.tracked import CONTROL, OTHER, SHOWN, Tracked
 
