@@ -29,6 +29,7 @@ from qtpy.QtWidgets import (
 )
 
 from ..common.turns import soon
+from .gl_context import finish_in_own_context
 from .layers import UNWRAPPED, LayerData
 from .notice import Notice, small_button
 from .placing import chart_of, placing
@@ -119,6 +120,8 @@ class UnwrappedCanvas(QWidget):
         # of its welcome screens of each one, which takes longer than making the viewer.
         with action_manager.events.shortcut_changed.blocker():
             self.qt_viewer = QtViewer(self.model)
+        for each in (viewer.window._qt_viewer, self.qt_viewer):
+            finish_in_own_context(each)
         # napari makes these when they are first read, which must be before there are layers.
         self.controls, self.layer_list = self.qt_viewer.controls, self.qt_viewer.layers
         self._shown = _Shown()
