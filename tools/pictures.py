@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import mouse
+import movie_scenes
 import numpy as np
 from person import LARGE, SMALL, Person, circle
 from PIL import Image
@@ -347,16 +348,22 @@ def main() -> None:
     parser.add_argument("--project", type=Path, help="show a saved cell instead of a run")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     parser.add_argument("--keep", type=Path, help="save the unwrapped cell there")
+    parser.add_argument("--parts", nargs="+", choices=("cell", "movie"), default=("cell", "movie"))
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     with own_settings():
         person = Person(options.output)
-        open_cell(person, options.kind, options.project)
-        if options.keep is not None:
-            person.wizard.save(options.keep)
-            person.wait(lambda: person.wizard.session.project_path, "saving", RUN_S)
-        for scene in SCENES:
-            scene(person)
+        if "cell" in options.parts:
+            open_cell(person, options.kind, options.project)
+            if options.keep is not None:
+                person.wizard.save(options.keep)
+                person.wait(lambda: person.wizard.session.project_path, "saving", RUN_S)
+            for scene in SCENES:
+                scene(person)
+        if "movie" in options.parts:
+            person.viewer.layers.clear()
+            for scene in movie_scenes.SCENES:
+                scene(person)
         person.viewer.close()
 
 
