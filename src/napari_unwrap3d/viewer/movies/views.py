@@ -50,7 +50,6 @@ class MovieViews(QObject):
         self.annotations: MovieAnnotations | None = None
         self._atlas: Atlas | None = None
         self._axes: list[TimeAxis] = []
-        self._held: list[Any] = []
         session.movie_changed.connect(self._on_movie)
         session.frame_changed.connect(self._on_frame)
         session.made_changed.connect(self._on_made)
@@ -152,20 +151,6 @@ class MovieViews(QObject):
         layers = self.layers
         if layers is not None and self._session.shown is not None:
             yield from layers.begin(self._session.shown)
-            self._hold(layers)
-
-    def _hold(self, layers: MovieLayers) -> None:
-        """Let what draws the surface live as long as the window, also when the layer is gone.
-
-        Without a graphics card Mesa ends the process when the program of a textured layer is
-        deleted and another layer is given a new texture.
-        """
-        viewer = self._viewer()
-        try:
-            assert viewer is not None
-            self._held.append(viewer.window._qt_viewer.canvas.layer_to_visual[layers.layer])
-        except (AttributeError, KeyError):
-            logger.warning("napari keeps what draws a layer elsewhere.")
 
     def _fields(self, atlas: Atlas, stack: Stack | None) -> Fields:
         """What the views can be coloured by."""
@@ -234,7 +219,6 @@ class MovieViews(QObject):
         """The window closes: leave no thread."""
         if event.type() == QEvent.Type.Close:
             self._leave()
-            self._held.clear()
             if self._opening is not None:
                 self._opening.wait(CLOSE_SECONDS)
         return super().eventFilter(watched, event)

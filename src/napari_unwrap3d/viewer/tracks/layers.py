@@ -116,11 +116,7 @@ class TrackLayers(QObject):
     def _showing_on(self, chart: str) -> Iterator[None]:
         tracks = self._session.shown
         if tracks is None or not self._can_show(chart, tracks):
-            # Hidden, not removed: a canvas that loses its t axis and gets it again can crash
-            # OpenGL while it draws its images.
-            self.heads.remove(chart)
-            self._hide(chart)
-            self.lines.pop(chart, None)
+            self.remove(chart)
             yield
             return
         lines = (lines_in_space if chart == IN_SPACE else lines_on_uv)(tracks)
