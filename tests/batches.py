@@ -102,7 +102,11 @@ def assert_same_tracked(one: Path, other: Path, timepoints: int) -> None:
 def assert_same_files(measured: Path, by_hand: Path) -> None:
     """All files of two folders agree to the last byte, but for the batch's own note."""
     found, expected = (
-        {path.relative_to(folder): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+        {
+            path.relative_to(folder): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
         for folder in (measured, by_hand)
     )
     assert found.pop(Path(RECORD))

@@ -56,7 +56,6 @@ def local(crew: Crew, retries: int) -> Iterator[Client]:
     from distributed import Client, LocalCluster
 
     environment: dict[str, str] = dict.fromkeys(ONE_THREAD, "1")
-    environment |= {"MALLOC_TRIM_THRESHOLD_": "65536"}
     environment |= {THREADS_VARIABLE: str(crew.threads), "NUMBA_NUM_THREADS": str(crew.threads)}
     warnings = filter(None, [os.environ.get("PYTHONWARNINGS"), NO_TIDYING])
     environment["PYTHONWARNINGS"] = ",".join(warnings)

@@ -187,7 +187,7 @@ def _jobs(
             measure=wanted.measure,
             measured_folder=str(wanted.output / MEASUREMENTS / name),
         )
-        jobs.append((job, estimate(looked, own, count)))
+        jobs.append((job, estimate(looked, own, count, "protrusions" in job.further)))
     return jobs
 
 
