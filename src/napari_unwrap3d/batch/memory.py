@@ -23,7 +23,7 @@ PER_SAMPLE = 21.0
 PER_VOXEL = 20.0
 PER_SOURCE_BYTE = 4.0
 # The same of a worker that finds protrusions and measures tracks, fitted to boxes of 72³ to 192³
-# voxels and 64 to 512 rows (0.62 to 1.5 GB, up to a fifth less).
+# voxels and 64 to 512 rows (0.66 to 1.5 GB, of which it says up to a fifth too much).
 PER_VOXEL_FOUND = 60.0
 # Layers of a topography with steps of half a voxel, by the edge of the grid in voxels.
 LAYERS, LAYERS_PER_VOXEL, USUAL_STEP = 35.0, 0.25, 0.5
