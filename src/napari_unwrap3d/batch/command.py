@@ -61,12 +61,12 @@ def add_batch(commands: Any) -> None:
         metavar="CHANNEL",
         help="channels sampled below the surface of single cells; of movies: --set movie.signals",
     )
-    add_charts(batch)
+    add_charts(batch, movies=" (of movies, at every timepoint)")
     batch.add_argument(
         "--track",
         action="store_true",
-        help="movies: find the protrusions of every timepoint and follow them, or the regions, "
-        "that measurement.tracks names, as `track` does",
+        help="movies: also follow what measurement.tracks names, as `track` does: the protrusions "
+        "of every timepoint, which are found before, or regions by flow",
     )
     batch.add_argument(
         "--measure",

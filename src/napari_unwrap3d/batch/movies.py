@@ -13,7 +13,8 @@ from typing import Any
 from ..analyses import Wanted, measured, tracked
 from ..charts import Tracks
 from ..files.atomic import write_json
-from ..files.measured import PROVENANCE, write_measured
+from ..files.export import remove_entries
+from ..files.measured import PROVENANCE, entry_names, write_measured
 from ..files.movie_annotations import drawn_key
 from ..motion.movie import Movie
 from ..progress import silent
@@ -98,6 +99,7 @@ def make_measurements(movie: Movie, job: Job) -> Made:
     found = measured(movie, [Wanted(movie.parameters)], silent())
     # Until the record is there anew, the files are not all of one run.
     (folder / RECORD).unlink(missing_ok=True)
+    remove_entries(folder, record.get("names", ()))
     write_measured(
         movie,
         found,
@@ -106,7 +108,8 @@ def make_measurements(movie: Movie, job: Job) -> Made:
         report=job.exports.pictures,
     )
     numbers = _counted(found[0].tracks)
-    write_json(folder / RECORD, {"key": key, "numbers": numbers})
+    names = entry_names(found)
+    write_json(folder / RECORD, {"key": key, "numbers": numbers, "names": names})
     return True, numbers
 
 
