@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,13 +13,13 @@ from batches import SIZES, TINY, VOXEL, ball, label_image, moving_ball, same, wr
 from napari_unwrap3d import Parameters, Stack
 from napari_unwrap3d.batch import Plan, Reading, plan_batch
 from napari_unwrap3d.batch.inputs import Looked, expanded
-from napari_unwrap3d.batch.jobs import Job
+from napari_unwrap3d.batch.jobs import Further, Job
 from napari_unwrap3d.batch.locks import held
 from napari_unwrap3d.batch.memory import GB, crew, estimate
 from napari_unwrap3d.batch.result import BatchResult, Row
 from napari_unwrap3d.batch.running import LOCK, run_plan
 from napari_unwrap3d.batch.tasks import Failure, MovieTask, groups
-from napari_unwrap3d.batch.worker import Done
+from napari_unwrap3d.batch.worker import FURTHER, Done
 from napari_unwrap3d.charts import Mask
 from napari_unwrap3d.cli import build_parser, main
 from napari_unwrap3d.errors import InputError, ParameterError
@@ -350,6 +351,11 @@ def test_every_stage_is_in_one_group() -> None:
     assert found[0] == (("register", "segment"), range(5))
     assert [len(timepoints) for _, timepoints in found][1] == 1
     assert found[-1] == (("frame",), range(5))
+    assert list(groups(5, get_args(Further)))[3:] == [
+        (("alike",), range(1)), (("protrusions",), range(5)),
+        (("tracks",), range(1)), (("measurements",), range(1)),
+    ]  # fmt: skip
+    assert get_args(Further) == FURTHER
 
 
 # The summary and the command ---------------------------------------------------------

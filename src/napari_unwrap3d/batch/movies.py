@@ -85,16 +85,16 @@ def make_tracks(movie: Movie, job: Job) -> Made:
 
 def _hold(movie: Movie, name: str, key: str | None) -> bool:
     """Whether tracks of protrusions are of the movie as it is."""
-    alike = same_for_all(movie, movie.parameters)
-    return name == PROTRUSIONS and tracks_key(movie, alike) == key
+    if name != PROTRUSIONS:
+        return False
+    return tracks_key(movie, same_for_all(movie, movie.parameters)) == key
 
 
 def make_measurements(movie: Movie, job: Job) -> Made:
     """What is measured of the tracks, as tables and a report in a folder of their own."""
     folder = Path(job.measured_folder)
-    key = _measured_key(movie, job)
     record = record_of(folder)
-    if record.get("key") == key and (folder / PROVENANCE).is_file():
+    if record.get("key") == _measured_key(movie, job) and (folder / PROVENANCE).is_file():
         return False, dict(record["numbers"])
     found = measured(movie, [Wanted(movie.parameters)], silent())
     # Until the record is there anew, the files are not all of one run.
@@ -108,7 +108,8 @@ def make_measurements(movie: Movie, job: Job) -> Made:
         report=job.exports.pictures,
     )
     numbers = _counted(found[0].tracks)
-    names = entry_names(found)
+    # Protrusions that were not there may have been found on the way.
+    key, names = _measured_key(movie, job), entry_names(found)
     write_json(folder / RECORD, {"key": key, "numbers": numbers, "names": names})
     return True, numbers
 

@@ -200,8 +200,9 @@ def _alone(output: Path) -> Iterator[None]:
 def _tidy(plan: Plan) -> None:
     """Remove what pieces of work that were killed have left half-written."""
     for job in plan.jobs:
-        for left in Path(job.folder).glob("**/.*.partial"):
-            shutil.rmtree(left, ignore_errors=True)
+        for folder in filter(None, (job.folder, job.measured_folder)):
+            for left in Path(folder).glob("**/.*.partial"):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _about(plan: Plan, workers: str) -> dict[str, object]:
