@@ -253,7 +253,7 @@ def test_without_any_timepoint_there_is_no_common_space(tmp_path: Path) -> None:
     assert [row.state for row in task.rows] == ["failed"] * 3
 
 
-def answer(task: MovieTask, failing: dict[str, int]) -> list[str]:
+def answer(task: MovieTask, failing: dict[str, int], there: bool = False) -> list[str]:
     """Do all pieces, of which those of some stages fail at a timepoint; what was done."""
     done = []
     while task.ready:
@@ -262,7 +262,7 @@ def answer(task: MovieTask, failing: dict[str, int]) -> list[str]:
         if failing.get(stage) == piece.timepoint:
             task.take(piece, Failure(stage, "why"))
         else:
-            task.take(piece, Done(dict.fromkeys(piece.stages, True)))
+            task.take(piece, Done(dict.fromkeys(piece.stages, not there)))
             done.append(piece.named)
     return done
 
@@ -282,6 +282,12 @@ def test_what_follows_the_frames_waits_for_what_it_needs(tmp_path: Path) -> None
     assert task.finished == task.pieces == 10
     assert set(states_of(task).values()) == {"done"}
     assert {row.stage for row in task.rows if row.timepoint is not None} == {"protrusions"}
+
+
+def test_what_is_there_is_skipped(tmp_path: Path) -> None:
+    task = movie_task(tmp_path, 2, measure=True)
+    assert answer(task, {}, there=True)[-5:] == AFTER
+    assert set(states_of(task).values()) == {"skipped"}
 
 
 @pytest.mark.parametrize(

@@ -164,10 +164,11 @@ def _unwrapped(job: Job, digest: str, stage: str) -> Movie:
 
 def _kept(name: str, open_it: Callable[[], Any]) -> Any:
     """What this process has opened under a name; another one is let go."""
-    if name not in _opened:
+    found = _opened.get(name)
+    if found is None:
         _let_go()
-        _opened[name] = open_it()
-    return _opened[name]
+        found = _opened[name] = open_it()
+    return found  # a worker of a cluster may have several threads
 
 
 def _let_go() -> None:
