@@ -33,7 +33,7 @@ def run() -> dict[str, Any]:
     from qtpy.QtTest import QTest
 
     from napari_unwrap3d.viewer.demo import WINDOW
-    from napari_unwrap3d.viewer.samples import timelapse_layer
+    from napari_unwrap3d.viewer.files.samples import timelapse_layer
     from napari_unwrap3d.viewer.wizard import open_wizard
 
     viewer = napari.Viewer()

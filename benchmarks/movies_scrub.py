@@ -117,11 +117,11 @@ class Window:
     def __init__(self, folder: str) -> None:
         import napari
 
-        from napari_unwrap3d.viewer import frame_reader
-        from napari_unwrap3d.viewer.canvas import canvas_of
-        from napari_unwrap3d.viewer.movie_session import movie_session_of
-        from napari_unwrap3d.viewer.movie_views import MovieViews
+        from napari_unwrap3d.viewer.movies import frame_reader
+        from napari_unwrap3d.viewer.movies.session import movie_session_of
+        from napari_unwrap3d.viewer.movies.views import MovieViews
         from napari_unwrap3d.viewer.session import session_of
+        from napari_unwrap3d.viewer.views.canvas import canvas_of
 
         self.reading, self.showing = OwnTime(), OwnTime()
         self.reading.watch(frame_reader, "_read")

@@ -89,12 +89,12 @@ class Strokes:
         import napari
         from qtpy.QtWidgets import QApplication
 
-        from napari_unwrap3d.viewer import drawing, painting, texturing
-        from napari_unwrap3d.viewer.annotating import annotating_of
-        from napari_unwrap3d.viewer.canvas import canvas_of
-        from napari_unwrap3d.viewer.layers import atlas_layers, split_layers
-        from napari_unwrap3d.viewer.placing import place_layers
+        from napari_unwrap3d.viewer.annotations import drawing, painting, texturing
+        from napari_unwrap3d.viewer.annotations.annotating import annotating_of
         from napari_unwrap3d.viewer.session import session_of
+        from napari_unwrap3d.viewer.views.canvas import canvas_of
+        from napari_unwrap3d.viewer.views.layers import atlas_layers, split_layers
+        from napari_unwrap3d.viewer.views.placing import place_layers
 
         self.own, self.picks = OwnTime(), OwnTime()
         self.own.watch(painting.SurfacePainter, "drag")

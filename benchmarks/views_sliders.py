@@ -35,7 +35,8 @@ def run_all() -> dict[str, Any]:
     import napari
     from qtpy.QtWidgets import QApplication
 
-    from napari_unwrap3d.viewer import demo, previews
+    from napari_unwrap3d.viewer import demo
+    from napari_unwrap3d.viewer.steps import previews
 
     groups = {"uv": {"rows": 128}, "reference": {"vertices": VERTICES}}
     viewer = napari.Viewer()

@@ -12,8 +12,8 @@ from napari_unwrap3d.charts import Mask, Protrusions, Volume
 from napari_unwrap3d.fields import PROTRUSION, fields_of
 from napari_unwrap3d.protrusions.colours import instance_colours
 from napari_unwrap3d.textured import PaintedTexture, make_skin
-from napari_unwrap3d.viewer.instance_filter import Filter, filter_from
-from napari_unwrap3d.viewer.instance_look import strengths
+from napari_unwrap3d.viewer.protrusions.filter import Filter, filter_from
+from napari_unwrap3d.viewer.protrusions.look import strengths
 from synthetic import make_atlas
 
 VOLUME = f"{PROTRUSION}volume_um3"

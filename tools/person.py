@@ -66,7 +66,7 @@ class Person:
 
     def settle(self) -> None:
         """Until nothing is computed any more and everything is drawn."""
-        from napari_unwrap3d.viewer.canvas import open_canvas
+        from napari_unwrap3d.viewer.views.canvas import open_canvas
 
         if open_canvas(self.viewer) is None:
             self.rest()
@@ -80,7 +80,7 @@ class Person:
 
     @property
     def canvas(self) -> Any:
-        from napari_unwrap3d.viewer.canvas import open_canvas
+        from napari_unwrap3d.viewer.views.canvas import open_canvas
 
         found = open_canvas(self.viewer)
         assert found is not None, "there is no second canvas"
@@ -89,7 +89,7 @@ class Person:
     @property
     def shown(self) -> Any:
         """The switches above the 3D canvas."""
-        from napari_unwrap3d.viewer.showing import ShownBar
+        from napari_unwrap3d.viewer.views.showing import ShownBar
 
         return self.window.findChildren(ShownBar)[0]
 

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import mouse
+import movie_scenes
 import numpy as np
 from person import LARGE, SMALL, Person, circle
 from PIL import Image
@@ -288,9 +289,9 @@ def bottom(person: Person) -> None:
 
 def protrusions(person: Person) -> None:
     """The table, and one protrusion that is selected in every view."""
-    from napari_unwrap3d.viewer.annotating import annotating_of
-    from napari_unwrap3d.viewer.docking import dock_of
-    from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
+    from napari_unwrap3d.viewer.annotations.annotating import annotating_of
+    from napari_unwrap3d.viewer.common.docking import dock_of
+    from napari_unwrap3d.viewer.protrusions.table import ProtrusionTable
 
     annotating, session = annotating_of(person.viewer), person.wizard.session
     for name in annotating.names:
@@ -334,7 +335,7 @@ def own_settings() -> Iterator[None]:
     with tempfile.TemporaryDirectory() as folder:
         # napari reads this when it is imported.
         os.environ["NAPARI_CONFIG"] = str(Path(folder) / "settings.yaml")
-        from napari_unwrap3d.viewer import autosave
+        from napari_unwrap3d.viewer.files import autosave
 
         # An absolute folder wins over where the system keeps such files.
         autosave.FOLDER = str(Path(folder) / "unsaved")
@@ -347,16 +348,22 @@ def main() -> None:
     parser.add_argument("--project", type=Path, help="show a saved cell instead of a run")
     parser.add_argument("-o", "--output", type=Path, default=FOLDER)
     parser.add_argument("--keep", type=Path, help="save the unwrapped cell there")
+    parser.add_argument("--parts", nargs="+", choices=("cell", "movie"), default=("cell", "movie"))
     options = parser.parse_args()
     options.output.mkdir(parents=True, exist_ok=True)
     with own_settings():
         person = Person(options.output)
-        open_cell(person, options.kind, options.project)
-        if options.keep is not None:
-            person.wizard.save(options.keep)
-            person.wait(lambda: person.wizard.session.project_path, "saving", RUN_S)
-        for scene in SCENES:
-            scene(person)
+        if "cell" in options.parts:
+            open_cell(person, options.kind, options.project)
+            if options.keep is not None:
+                person.wizard.save(options.keep)
+                person.wait(lambda: person.wizard.session.project_path, "saving", RUN_S)
+            for scene in SCENES:
+                scene(person)
+        if "movie" in options.parts:
+            person.viewer.layers.clear()
+            for scene in movie_scenes.SCENES:
+                scene(person)
         person.viewer.close()
 
 

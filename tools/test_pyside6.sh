@@ -3,7 +3,7 @@
 set -euo pipefail
 source "$(dirname "${BASH_SOURCE[0]}")/environment.sh"
 
-# 6.12.0 drops references to None, which aborts Python before 3.12 (viewer/binding.py).
+# 6.12.0 drops references to None, which aborts Python before 3.12 (viewer/common/binding.py).
 WANTED=(PySide6_Essentials shiboken6)
 "$VENV/bin/python" -c 'import sys; sys.exit(sys.version_info >= (3, 12))' &&
   WANTED=('PySide6_Essentials<6.12' 'shiboken6<6.12')

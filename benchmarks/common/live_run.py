@@ -168,10 +168,10 @@ def run(size: int) -> dict[str, Any]:
     from qtpy.QtCore import Qt
     from qtpy.QtTest import QTest
 
-    from napari_unwrap3d.viewer.canvas import open_canvas
     from napari_unwrap3d.viewer.demo import WINDOW
-    from napari_unwrap3d.viewer.placing import chart_of
-    from napari_unwrap3d.viewer.samples import sample
+    from napari_unwrap3d.viewer.files.samples import sample
+    from napari_unwrap3d.viewer.views.canvas import open_canvas
+    from napari_unwrap3d.viewer.views.placing import chart_of
     from napari_unwrap3d.viewer.wizard import open_wizard
 
     viewer = napari.Viewer()

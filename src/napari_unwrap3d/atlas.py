@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property, partial
-from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -15,7 +14,6 @@ import numpy.typing as npt
 from .charts import (
     UV,
     Direct,
-    Floats,
     Mask,
     Plane,
     Protrusions,
@@ -28,31 +26,24 @@ from .charts import (
 )
 from .errors import AxesError, ChartMissingError
 from .geometry.flat import FlatSphere
-from .geometry.locate import SphericalLocator, SurfaceLocator, interpolate
-from .geometry.padding import wrap_uv
+from .geometry.locate import SphericalLocator, SurfaceLocator
+from .maps import Mapped, route
 from .parameters import Parameters
 from .progress import Progress, silent
 from .unwrapping.elements import elements, region_mean
 from .unwrapping.outermost import OutermostSurface
 from .unwrapping.plane import flat_sphere
 from .unwrapping.surface import same_mesh
-from .unwrapping.topography import TopographyLocator, topography_to_world
-from .unwrapping.uv import direction_to_uv, uv_to_direction
+from .unwrapping.topography import TopographyLocator
 
 if TYPE_CHECKING:
     from .annotations import Annotations
 
 Kind = Literal["scalar", "label"]
-Valid = npt.NDArray[np.bool_]
-Mapped = tuple[Floats, Valid]
-
 COORDINATES = {"surface": 3, "volume": 3, "reference": 3, "sphere": 3, "topography": 3, "uv": 2}
 # Charts that are computed when they are asked for, or first read.
 REQUESTED = {"direct": 2, "plane": 2}
 ON_REQUEST = (*REQUESTED, "protrusions")
-# Each chart is one step of the method away from the next; maps are composed along it.
-CHAIN = ("volume", "topography", "uv", "sphere", "reference")
-ON_SURFACE_VOXELS = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,7 +232,7 @@ class Atlas:
             )
         width = current.shape[1]
         valid = np.asarray(np.isfinite(current).all(axis=1))
-        for step in self._route(source, target):
+        for step in route(self, source, target):
             moved, good = step(current[valid])
             width = moved.shape[1]
             image = np.full((len(current), width), np.nan)
@@ -251,100 +242,6 @@ class Atlas:
             current, valid = image, kept
         current[~valid] = np.nan
         return current, valid
-
-    def _route(self, source: str, target: str) -> list[Callable[[Floats], Mapped]]:
-        """The maps to compose, in order."""
-        if source == target:
-            return []
-        if target == "direct":
-            return [*self._route(source, "surface"), self._surface_to_direct]
-        if source == "direct":
-            return [self._direct_to_volume, *self._route("volume", target)]
-        if source == "plane":
-            return [self._plane_to_surface, *self._route("surface", target)]
-        if target == "plane":
-            return [*self._route(source, "surface"), self._surface_to_plane]
-        if target == "surface":
-            if source in ("volume", "topography"):
-                return [*self._route(source, "volume"), self._volume_to_surface]
-            return [*self._route(source, "uv"), self._uv_to_surface]
-        start = "volume" if source == "surface" else source
-        if target == "volume" and start in ("uv", "sphere", "reference"):
-            # The reference lies in space: no need to go through the topography.
-            return self._route(start, "reference")
-        if start == target:
-            return []
-        a, b = CHAIN.index(start), CHAIN.index(target)
-        names = CHAIN[a : b + 1] if a < b else CHAIN[b : a + 1][::-1]
-        return [getattr(self, f"_{here}_to_{there}") for here, there in pairwise(names)]
-
-    def _volume_to_topography(self, points: Floats) -> Mapped:
-        return self._topography_locator.locate(points, silent())
-
-    def _topography_to_volume(self, points: Floats) -> Mapped:
-        world, valid = topography_to_world(self.topography, points)
-        return world, np.asarray(valid)
-
-    def _topography_to_uv(self, points: Floats) -> Mapped:
-        return wrap_uv(points[:, 1:], self.uv.shape[0]), np.ones(len(points), bool)
-
-    def _uv_to_topography(self, points: Floats) -> Mapped:
-        vu = wrap_uv(points, self.uv.shape[0])
-        return np.column_stack([np.zeros(len(vu)), vu]), np.ones(len(points), bool)
-
-    def _uv_to_sphere(self, points: Floats) -> Mapped:
-        directions = uv_to_direction(points, self.uv.shape[0]) @ self.uv.rotation
-        return directions, np.ones(len(points), bool)
-
-    def _sphere_to_uv(self, points: Floats) -> Mapped:
-        turned = points @ self.uv.rotation.T
-        return direction_to_uv(turned, self.uv.shape[0]), np.ones(len(points), bool)
-
-    def _sphere_to_reference(self, points: Floats) -> Mapped:
-        face, weights = self._sphere_locator.locate(points)
-        mapped = interpolate(self.reference.vertices, self.reference.faces, face, weights)
-        return mapped, np.ones(len(points), bool)
-
-    def _reference_to_sphere(self, points: Floats) -> Mapped:
-        face, weights, _ = self._reference_locator.closest(points)
-        directions = interpolate(self.sphere.vertices, self.sphere.faces, face, weights)
-        length = np.linalg.norm(directions, axis=1, keepdims=True)
-        return directions / length, np.ones(len(points), bool)
-
-    def _uv_to_surface(self, points: Floats) -> Mapped:
-        face, weights, valid = self.outermost.locate(points)
-        return interpolate(self.surface.vertices, self.surface.faces, face, weights), valid
-
-    def _volume_to_surface(self, points: Floats) -> Mapped:
-        _, _, distance = self._surface_locator.closest(points)
-        return points, distance <= ON_SURFACE_VOXELS * self.voxel_um
-
-    def _surface_to_direct(self, points: Floats) -> Mapped:
-        face, weights, distance = self._sealed_locator.closest(points)
-        directions = interpolate(self.direct.vertices, self.direct.faces, face, weights)
-        turned = directions @ self.direct.rotation.T
-        return (
-            direction_to_uv(turned, self.direct.shape[0]),
-            distance <= ON_SURFACE_VOXELS * self.voxel_um,
-        )
-
-    def _direct_to_volume(self, points: Floats) -> Mapped:
-        rows = self.direct.shape[0]
-        face, weights = self._direct_locator.locate(uv_to_direction(wrap_uv(points, rows), rows))
-        mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
-        return mapped, np.ones(len(points), bool)
-
-    def _plane_to_surface(self, points: Floats) -> Mapped:
-        face, weights = self._flat_sphere.locate(points)
-        mapped = interpolate(self.sealed.vertices, self.sealed.faces, face, weights)
-        if not self.plane.of_sealed:
-            return mapped, np.ones(len(points), bool)
-        return self._volume_to_surface(mapped)
-
-    def _surface_to_plane(self, points: Floats) -> Mapped:
-        face, weights, distance = self._sealed_locator.closest(points)
-        near = distance <= ON_SURFACE_VOXELS * self.voxel_um
-        return self._flat_sphere.at(face, weights), near
 
     # Locators, built when first needed ---------------------------------------------
 

@@ -62,7 +62,7 @@ def movie_demo(arguments: argparse.Namespace, console: Console) -> int:
     if arguments.window:
         missing = missing_for_window()
         if not missing:
-            from .viewer.movie_demo import open_movie_demo
+            from .viewer.movies.demo import open_movie_demo
 
             path = arguments.output / MOVIE
             console.print(f"The movie will be saved as {path}", markup=False, highlight=False)

@@ -16,10 +16,9 @@ import numpy.typing as npt
 
 from .atlas import Atlas
 from .charts import Floats, Ints
+from .maps import ON_SURFACE_VOXELS
 from .unwrapping.surface import same_mesh
 from .unwrapping.uv import direction_to_uv
-
-ON_SURFACE_VOXELS = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -19,7 +19,7 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import ON_REQUEST, STEP_NAMES, Kept
 from napari_unwrap3d.progress import Progress
-from napari_unwrap3d.viewer.threads import QuietCollector, quiet_collector
+from napari_unwrap3d.viewer.common.threads import QuietCollector, quiet_collector
 from synthetic import make_atlas
 from viewer.hand import Hand
 from viewer.opened import coarsely_direct
@@ -162,7 +162,7 @@ def fake_pipeline(round_cell: Atlas, monkeypatch: pytest.MonkeyPatch) -> type[Fa
         charts = ("mask", "surface", "reference", "sphere")
         atlas = replace(round_cell, uv=replace(round_cell.uv, fields=fields))
 
-    monkeypatch.setattr("napari_unwrap3d.viewer.computing.Pipeline", Pipeline)
+    monkeypatch.setattr("napari_unwrap3d.viewer.steps.computing.Pipeline", Pipeline)
     return Pipeline
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 
-from napari_unwrap3d.viewer.movie_run import MovieRun
-from napari_unwrap3d.viewer.movie_session import MovieSession, movie_session_of
-from napari_unwrap3d.viewer.movie_wizard import MovieDock, MoviePanel
+from napari_unwrap3d.viewer.movies.run import MovieRun
+from napari_unwrap3d.viewer.movies.session import MovieSession, movie_session_of
+from napari_unwrap3d.viewer.movies.wizard import MovieDock, MoviePanel
 from napari_unwrap3d.viewer.session import session_of
 from viewer.playing import PARAMETERS, TIME_STEP_S, VOXEL_UM, breathing, breathing_stack
 

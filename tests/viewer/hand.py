@@ -13,7 +13,7 @@ from qtpy.QtGui import QWheelEvent
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.textured import COVER
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
 from viewer.opened import SECONDS, open_atlas
 
 LEFT, NONE = mouse.LEFT, mouse.NO_KEYS

@@ -8,7 +8,7 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
-from napari_unwrap3d.viewer.movie_session import movie_session_of
+from napari_unwrap3d.viewer.movies.session import movie_session_of
 from viewer.opened import SECONDS, open_atlas
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier

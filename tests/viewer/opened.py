@@ -10,10 +10,10 @@ import numpy as np
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Stack
 from napari_unwrap3d.pipeline import Pipeline
-from napari_unwrap3d.viewer.canvas import UnwrappedCanvas, canvas_of
-from napari_unwrap3d.viewer.computing import Known
-from napari_unwrap3d.viewer.layers import Layout, atlas_charts, chart_layers
 from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.steps.computing import Known
+from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas, canvas_of
+from napari_unwrap3d.viewer.views.layers import Layout, atlas_charts, chart_layers
 
 SECONDS = 20_000
 

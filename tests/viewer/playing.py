@@ -11,11 +11,11 @@ import numpy as np
 from napari_unwrap3d.charts import Stack
 from napari_unwrap3d.motion.movie import Movie, unwrap_movie
 from napari_unwrap3d.parameters import Parameters
-from napari_unwrap3d.viewer.canvas import UnwrappedCanvas, canvas_of
-from napari_unwrap3d.viewer.movie_layers import MovieLayers
-from napari_unwrap3d.viewer.movie_session import MovieSession, movie_session_of
-from napari_unwrap3d.viewer.movie_views import MovieViews
+from napari_unwrap3d.viewer.movies.layers import MovieLayers
+from napari_unwrap3d.viewer.movies.session import MovieSession, movie_session_of
+from napari_unwrap3d.viewer.movies.views import MovieViews
 from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas, canvas_of
 from shapes import QUICK
 
 SIZE, TIMEPOINTS, TIME_STEP_S, VOXEL_UM = 56, 5, 2.0, 0.2

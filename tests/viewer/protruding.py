@@ -13,8 +13,8 @@ from qtpy.QtTest import QTest
 from scipy.ndimage import distance_transform_edt
 
 from napari_unwrap3d.protrusions.editing import NAME
-from napari_unwrap3d.viewer.project import autosave_of
-from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
+from napari_unwrap3d.viewer.files.project import autosave_of
+from napari_unwrap3d.viewer.protrusions.table import ProtrusionTable
 from viewer.hand import follow
 from viewer.opened import SECONDS, open_atlas, settle
 

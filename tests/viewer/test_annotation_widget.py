@@ -15,18 +15,18 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.fields import CURVATURE, HEIGHT
-from napari_unwrap3d.viewer.annotation_regions import RegionsBox
-from napari_unwrap3d.viewer.annotation_widget import (
+from napari_unwrap3d.viewer.annotations.arrows import AXIS
+from napari_unwrap3d.viewer.annotations.regions import RegionsBox
+from napari_unwrap3d.viewer.annotations.widget import (
     NO_ANNOTATION,
     NO_CELL,
     TOOL_TEXTS,
     AnnotationWidget,
 )
-from napari_unwrap3d.viewer.arrows import AXIS
-from napari_unwrap3d.viewer.computing import Outcome
-from napari_unwrap3d.viewer.layers import COPIES, KEY
-from napari_unwrap3d.viewer.view_state import show_view, view_of
-from napari_unwrap3d.viewer.writers import write_surface
+from napari_unwrap3d.viewer.files.view_state import show_view, view_of
+from napari_unwrap3d.viewer.files.writers import write_surface
+from napari_unwrap3d.viewer.steps.computing import Outcome
+from napari_unwrap3d.viewer.views.layers import COPIES, KEY
 from viewer.opened import SECONDS, open_atlas
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier

@@ -12,7 +12,7 @@ from qtpy.QtWidgets import QApplication
 from batches import TINY, write_masks
 from napari_unwrap3d import Parameters
 from napari_unwrap3d.cli import build_parser
-from napari_unwrap3d.viewer.batch_dialog import NO_INPUT, BatchDialog
+from napari_unwrap3d.viewer.batch.dialog import NO_INPUT, BatchDialog
 
 SECONDS = 240_000
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from napari_unwrap3d.viewer import binding
+from napari_unwrap3d.viewer.common import binding
 from napari_unwrap3d.viewer.session import session_of
 
 

@@ -14,8 +14,8 @@ from qtpy.QtWidgets import QApplication, QDockWidget
 
 from napari_unwrap3d import requested
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.viewer.canvas import DOCK_NAME, UnwrappedCanvas, canvas_of, open_canvas
-from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer.views.canvas import DOCK_NAME, UnwrappedCanvas, canvas_of, open_canvas
+from napari_unwrap3d.viewer.views.placing import chart_of
 from viewer.opened import SECONDS, open_atlas, settle
 
 LEFT = Qt.MouseButton.LeftButton

@@ -11,8 +11,8 @@ from qtpy.QtTest import QTest
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.fields import CURVATURE, HEIGHT
-from napari_unwrap3d.viewer.canvas import UnwrappedCanvas
-from napari_unwrap3d.viewer.layers import KEY
+from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas
+from napari_unwrap3d.viewer.views.layers import KEY
 from viewer.opened import open_atlas, ramp_stack, settle
 
 MESHES = ("surface", "sealed surface", "reference", "sphere", "topographic surface")

@@ -13,9 +13,10 @@ from napari.layers import Layer
 from napari_unwrap3d import simulate
 from napari_unwrap3d.parameters import Parameters
 from napari_unwrap3d.pipeline import STEP_NAMES
-from napari_unwrap3d.viewer import demo, samples
-from napari_unwrap3d.viewer.canvas import canvas_of
-from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer import demo
+from napari_unwrap3d.viewer.files import samples
+from napari_unwrap3d.viewer.views.canvas import canvas_of
+from napari_unwrap3d.viewer.views.placing import chart_of
 
 SMALL = Parameters.from_dict({"uv": {"rows": 64}})
 

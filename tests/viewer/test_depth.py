@@ -11,7 +11,7 @@ from qtpy.QtTest import QTest
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.fields import CURVATURE, HEIGHT, topography_signal
-from napari_unwrap3d.viewer.canvas import UnwrappedCanvas
+from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas
 from viewer.opened import SECONDS, open_atlas, ramp_stack, settle
 
 

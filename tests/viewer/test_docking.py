@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
-from napari_unwrap3d.viewer.docking import dock_of
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
+from napari_unwrap3d.viewer.common.docking import dock_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from napari_unwrap3d.annotations import Annotations
-from napari_unwrap3d.viewer.drawing import DrawnLabels
+from napari_unwrap3d.viewer.annotations.drawing import DrawnLabels
 
 pytestmark = pytest.mark.usefixtures("qapp")
 

@@ -12,9 +12,9 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.files.meshes import MESH_SUFFIXES, read_mesh
 from napari_unwrap3d.files.project import save_project
-from napari_unwrap3d.viewer.layers import atlas_layers
-from napari_unwrap3d.viewer.readers import get_mesh_reader, get_project_reader
-from napari_unwrap3d.viewer.writers import write_surface
+from napari_unwrap3d.viewer.files.readers import get_mesh_reader, get_project_reader
+from napari_unwrap3d.viewer.files.writers import write_surface
+from napari_unwrap3d.viewer.views.layers import atlas_layers
 
 # Twelve numbers without any symmetry: a mirrored or transposed copy differs.
 VERTICES = np.array([[0, 0, 0], [1, 0.25, 0], [0, 2, 0.5], [0.125, 0, 3]])

@@ -9,7 +9,7 @@ from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.errors import ParameterError
 from napari_unwrap3d.parameters import PRESETS, Parameters
-from napari_unwrap3d.viewer.forms import ParametersForm
+from napari_unwrap3d.viewer.common.forms import ParametersForm
 
 MAIN = ("sphere.blend", "uv.rows", "topography.depth_um")
 

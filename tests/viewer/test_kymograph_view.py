@@ -11,10 +11,10 @@ import pytest
 from qtpy.QtWidgets import QApplication, QFileDialog
 
 from napari_unwrap3d.motion.kymograph import kymograph, line_on_surface
-from napari_unwrap3d.viewer.docking import dock_of
-from napari_unwrap3d.viewer.kymograph_view import KymographDock
-from napari_unwrap3d.viewer.polar_view import PolarDock
-from napari_unwrap3d.viewer.surface_lines import NAME, WAY
+from napari_unwrap3d.viewer.common.docking import dock_of
+from napari_unwrap3d.viewer.movies.kymograph_view import KymographDock
+from napari_unwrap3d.viewer.movies.polar_view import PolarDock
+from napari_unwrap3d.viewer.movies.surface_lines import NAME, WAY
 from viewer.movie_window import MovieWindow, press_plot
 from viewer.opened import SECONDS
 

@@ -13,7 +13,7 @@ from napari.components import ViewerModel
 from napari.layers import Layer
 
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.viewer.layers import (
+from napari_unwrap3d.viewer.views.layers import (
     CURVATURE,
     KEY,
     Layout,

@@ -13,12 +13,12 @@ import pytest
 from qtpy.QtCore import QCoreApplication, QEvent
 from qtpy.QtWidgets import QDockWidget, QWidget
 
-from napari_unwrap3d.viewer.annotating import annotating_of
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
-from napari_unwrap3d.viewer.canvas import open_canvas
+from napari_unwrap3d.viewer.annotations.annotating import annotating_of
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
+from napari_unwrap3d.viewer.common.threads import THREAD_NAME
 from napari_unwrap3d.viewer.session import session_of
-from napari_unwrap3d.viewer.step_panel import SphereDock
-from napari_unwrap3d.viewer.threads import THREAD_NAME
+from napari_unwrap3d.viewer.steps.panel import SphereDock
+from napari_unwrap3d.viewer.views.canvas import open_canvas
 from napari_unwrap3d.viewer.wizard import Wizard
 from viewer.opened import SECONDS, open_atlas
 

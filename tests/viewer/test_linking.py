@@ -12,8 +12,8 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.viewer.canvas import UnwrappedCanvas
-from napari_unwrap3d.viewer.showing import ShownBar
+from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas
+from napari_unwrap3d.viewer.views.showing import ShownBar
 from viewer.opened import SECONDS, open_atlas
 
 Window = tuple[Any, UnwrappedCanvas]

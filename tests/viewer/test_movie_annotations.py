@@ -13,7 +13,7 @@ from qtpy.QtTest import QTest
 from napari_unwrap3d import load_movie
 from napari_unwrap3d.motion.movie import Movie
 from napari_unwrap3d.textured import COVER
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
 from viewer.hand import follow
 from viewer.playing import Projector
 

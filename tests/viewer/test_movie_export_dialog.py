@@ -10,8 +10,8 @@ import pytest
 from qtpy.QtWidgets import QFileDialog
 
 from movies import TIMEPOINTS, read_mp4
-from napari_unwrap3d.viewer.movie_export_dialog import MP4, PNG, MovieExportDock
-from napari_unwrap3d.viewer.movie_recording import BOTH, MAIN, fitted, stamped
+from napari_unwrap3d.viewer.movies.export_dialog import MP4, PNG, MovieExportDock
+from napari_unwrap3d.viewer.movies.recording import BOTH, MAIN, fitted, stamped
 from viewer.movie_window import MovieWindow
 from viewer.opened import SECONDS
 

@@ -11,7 +11,7 @@ import pytest
 from qtpy.QtCore import QPoint
 from qtpy.QtTest import QTest
 
-from napari_unwrap3d.viewer.movie_plots import Row, TimePlot, drift_rows, outside_rows, size_rows
+from napari_unwrap3d.viewer.movies.plots import Row, TimePlot, drift_rows, outside_rows, size_rows
 from napari_unwrap3d.viewer.session import session_of
 
 TIMES = np.arange(5) * 2.0

@@ -13,9 +13,9 @@ import pytest
 from napari_unwrap3d import load_movie
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import load_project
-from napari_unwrap3d.viewer.autosave import left_behind
-from napari_unwrap3d.viewer.project import autosave_of
-from napari_unwrap3d.viewer.readers import get_project_reader
+from napari_unwrap3d.viewer.files.autosave import left_behind
+from napari_unwrap3d.viewer.files.project import autosave_of
+from napari_unwrap3d.viewer.files.readers import get_project_reader
 from napari_unwrap3d.viewer.wizard import Wizard
 from viewer.directing import Director, add_stack
 
@@ -26,7 +26,7 @@ NAME = "front"
 def unsaved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Movies that are left behind are kept in a folder of the test."""
     place = tmp_path / "unsaved"
-    for module in ("autosave", "project", "movie_folders"):
+    for module in ("files.autosave", "files.project", "movies.folders"):
         monkeypatch.setattr(f"napari_unwrap3d.viewer.{module}.unsaved_folder", lambda: place)
     return place
 

@@ -11,7 +11,7 @@ from napari.layers import Image, Labels, Layer, Surface
 from napari_unwrap3d import Mask, Stack
 from napari_unwrap3d.charts import Surface as Mesh
 from napari_unwrap3d.errors import InputError
-from napari_unwrap3d.viewer.movie_sources import candidates, natural, set_time_step, timelapse_of
+from napari_unwrap3d.viewer.movies.sources import candidates, natural, set_time_step, timelapse_of
 from synthetic import icosphere
 
 UM = ("µm",) * 3

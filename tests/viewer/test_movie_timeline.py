@@ -9,7 +9,7 @@ import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
-from napari_unwrap3d.viewer.timeline import Timeline, runs, time_text
+from napari_unwrap3d.viewer.movies.timeline import Timeline, runs, time_text
 from viewer.playing import TIME_STEP_S, TIMEPOINTS, Projector
 
 LEFT = Qt.MouseButton.LeftButton

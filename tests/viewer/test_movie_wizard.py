@@ -15,9 +15,10 @@ import pytest
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.motion.movie import Movie
 from napari_unwrap3d.motion.stages import MovieWork
-from napari_unwrap3d.viewer.autosave import left_behind
-from napari_unwrap3d.viewer.movie_run import ASK_TIME_STEP, NO_TIMELAPSE, STAGES
-from napari_unwrap3d.viewer.threads import THREAD_NAME
+from napari_unwrap3d.viewer.common.threads import THREAD_NAME
+from napari_unwrap3d.viewer.files.autosave import left_behind
+from napari_unwrap3d.viewer.movies.chosen import ASK_TIME_STEP, NO_TIMELAPSE
+from napari_unwrap3d.viewer.movies.run import STAGES
 from napari_unwrap3d.viewer.wizard import Wizard
 from viewer.directing import SCALE, TIMED, TIMEPOINTS, UM, Director, add_stack, cells
 from viewer.playing import TIME_STEP_S
@@ -29,7 +30,7 @@ DONE, STALE, READY = "●", "◐", "○"
 def unsaved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Movies that are left behind are kept in a folder of the test."""
     place = tmp_path / "unsaved"
-    for module in ("autosave", "project", "movie_folders"):
+    for module in ("files.autosave", "files.project", "movies.folders"):
         monkeypatch.setattr(f"napari_unwrap3d.viewer.{module}.unsaved_folder", lambda: place)
     return place
 
@@ -94,11 +95,11 @@ def test_run_makes_a_movie_that_is_shown(direct: Callable[..., Director]) -> Non
 def test_a_time_step_is_asked_for_and_never_guessed(direct: Callable[..., Director]) -> None:
     director = direct(scale=(1.0, *SCALE), units=("pixel", *UM), axis_labels=tuple("tzyx"))
     chooser = director.panel.chooser
-    assert director.run.blocked() == ASK_TIME_STEP
+    assert director.run.chosen.blocked() == ASK_TIME_STEP
     assert chooser.note.text() == ASK_TIME_STEP
     assert not director.panel.run_button.isEnabled()
     director.fill_in(chooser.time_step, "2.5")
-    assert director.run.blocked() == ""
+    assert director.run.chosen.blocked() == ""
     director.click(director.panel.sections["register"].run_button)
     director.wait(lambda: director.run.running)
     director.end()
@@ -233,7 +234,7 @@ def test_several_masks_are_a_timelapse(direct: Callable[..., Director]) -> None:
     director = direct()
     for t, mask in enumerate(cells()):
         director.viewer.add_image(mask, name=f"mask {t}", scale=SCALE, units=UM)
-    (candidate,) = director.run.candidates()
+    (candidate,) = director.run.chosen.candidates()
     assert candidate.timepoints == TIMEPOINTS
     director.fill_in(director.panel.chooser.time_step, str(TIME_STEP_S))
     director.click(director.panel.sections["common"].run_button)
@@ -241,7 +242,7 @@ def test_several_masks_are_a_timelapse(direct: Callable[..., Director]) -> None:
     director.end()
     assert director.movies.movie is not None
     # The solid of the common space is no timepoint.
-    assert [each.timepoints for each in director.run.candidates()] == [TIMEPOINTS]
+    assert [each.timepoints for each in director.run.chosen.candidates()] == [TIMEPOINTS]
 
 
 def test_the_wizard_has_a_page_where_there_is_a_timelapse(make_napari_viewer: Any) -> None:

@@ -10,8 +10,8 @@ from napari.components import ViewerModel
 
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.charts import Reference, Surface
-from napari_unwrap3d.viewer.layers import CURVATURE, Layout, atlas_charts, chart_layers
-from napari_unwrap3d.viewer.placing import place_layers, placing, remove_charts
+from napari_unwrap3d.viewer.views.layers import CURVATURE, Layout, atlas_charts, chart_layers
+from napari_unwrap3d.viewer.views.placing import place_layers, placing, remove_charts
 
 
 @pytest.fixture

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from napari.components import ViewerModel
 
-from napari_unwrap3d.viewer.layers import atlas_layers
-from napari_unwrap3d.viewer.placing import place_layers
+from napari_unwrap3d.viewer.views.layers import atlas_layers
+from napari_unwrap3d.viewer.views.placing import place_layers
 from synthetic import make_atlas
 
 

@@ -10,17 +10,18 @@ import npe2
 import numpy as np
 import pytest
 
+import napari_unwrap3d
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import save_project
-from napari_unwrap3d.viewer import samples
-from napari_unwrap3d.viewer.annotation_widget import AnnotationWidget
-from napari_unwrap3d.viewer.canvas import canvas_of
-from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer.annotations.widget import AnnotationWidget
+from napari_unwrap3d.viewer.files import samples
 from napari_unwrap3d.viewer.session import session_of
+from napari_unwrap3d.viewer.views.canvas import canvas_of
+from napari_unwrap3d.viewer.views.placing import chart_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
 PLUGIN = "napari-unwrap3d"
-MANIFEST = Path(samples.__file__).parents[1] / "napari.yaml"
+MANIFEST = Path(napari_unwrap3d.__file__).parent / "napari.yaml"
 
 
 @pytest.fixture
@@ -40,6 +41,15 @@ def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any)
     with qtbot.waitSignal(widget.session.finished, timeout=20_000):
         widget.run_button.click()
     assert "surface" in {chart_of(layer) for layer in viewer.layers}
+
+
+def test_every_dock_opens_from_the_menu(plugin: Any) -> None:
+    viewer = plugin()
+    contributed = npe2.PluginManifest.from_file(MANIFEST).contributions.widgets
+    assert contributed
+    for widget in contributed:
+        dock, _ = viewer.window.add_plugin_dock_widget(PLUGIN, widget.display_name)
+        assert not dock.isHidden(), widget.display_name
 
 
 def test_the_wizard_leads_to_the_annotations(plugin: Any) -> None:

@@ -10,9 +10,9 @@ import pytest
 
 from napari_unwrap3d.unwrapping import preview
 from napari_unwrap3d.viewer import session as module
-from napari_unwrap3d.viewer.previews import NAME
+from napari_unwrap3d.viewer.common.threads import THREAD_NAME
 from napari_unwrap3d.viewer.session import Session, session_of
-from napari_unwrap3d.viewer.threads import THREAD_NAME
+from napari_unwrap3d.viewer.steps.previews import NAME
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
 MS = 20_000

@@ -6,7 +6,7 @@ from typing import Any
 
 from qtpy.QtGui import QPaintEvent
 
-from napari_unwrap3d.viewer.progress_bar import ProgressBar
+from napari_unwrap3d.viewer.common.progress_bar import ProgressBar
 
 
 class Watched(ProgressBar):

@@ -16,12 +16,12 @@ import napari_unwrap3d as unwrap3d
 from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.files.project import load_source, save_project
 from napari_unwrap3d.pipeline import STEP_NAMES
-from napari_unwrap3d.viewer import autosave
-from napari_unwrap3d.viewer.autosave import left_behind
-from napari_unwrap3d.viewer.canvas import canvas_of
-from napari_unwrap3d.viewer.project import autosave_of, open_project, saving, source_layer
-from napari_unwrap3d.viewer.readers import read_projects
+from napari_unwrap3d.viewer.files import autosave
+from napari_unwrap3d.viewer.files.autosave import left_behind
+from napari_unwrap3d.viewer.files.project import autosave_of, open_project, saving, source_layer
+from napari_unwrap3d.viewer.files.readers import read_projects
 from napari_unwrap3d.viewer.session import Session, session_of
+from napari_unwrap3d.viewer.views.canvas import canvas_of
 from napari_unwrap3d.viewer.wizard import Wizard, open_wizard
 from viewer.opened import SECONDS, open_atlas, ramp_stack, settle
 
@@ -33,7 +33,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """Cells that are left behind are kept in a folder of the test."""
     place = tmp_path / "unsaved"
     monkeypatch.setattr(autosave, "unsaved_folder", lambda: place)
-    monkeypatch.setattr("napari_unwrap3d.viewer.project.unsaved_folder", lambda: place)
+    monkeypatch.setattr("napari_unwrap3d.viewer.files.project.unsaved_folder", lambda: place)
     QStandardPaths.setTestModeEnabled(True)
     yield place
     QStandardPaths.setTestModeEnabled(False)

@@ -10,7 +10,7 @@ from qtpy.QtTest import QTest
 
 from napari_unwrap3d.motion.movie import load_movie
 from napari_unwrap3d.motion.projections import Projections
-from napari_unwrap3d.viewer.projection_view import NO_STACK, ProjectionDock
+from napari_unwrap3d.viewer.movies.projection_view import NO_STACK, ProjectionDock
 from viewer.movie_window import MovieWindow
 from viewer.opened import SECONDS
 

@@ -11,9 +11,9 @@ from qtpy.QtCore import QPoint
 from qtpy.QtTest import QTest
 
 from napari_unwrap3d.viewer import session as module
-from napari_unwrap3d.viewer.step_panel import ProtrusionsDock
-from napari_unwrap3d.viewer.step_states import DONE, StepState
-from napari_unwrap3d.viewer.step_texts import status_of
+from napari_unwrap3d.viewer.steps.panel import ProtrusionsDock
+from napari_unwrap3d.viewer.steps.states import DONE, StepState
+from napari_unwrap3d.viewer.steps.texts import status_of
 from viewer.protruding import LEFT
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}

@@ -19,14 +19,14 @@ from napari_unwrap3d.fields import PROTRUSION, fields_of
 from napari_unwrap3d.protrusions.editing import NAME
 from napari_unwrap3d.protrusions.segment import Segmentation
 from napari_unwrap3d.protrusions.table import measure_protrusions
-from napari_unwrap3d.viewer.instance_annotation import KEPT
-from napari_unwrap3d.viewer.instance_filter import Filter
-from napari_unwrap3d.viewer.instance_look import look_at
-from napari_unwrap3d.viewer.instances import instances_of
-from napari_unwrap3d.viewer.project import open_project, saving
-from napari_unwrap3d.viewer.protrusion_table import ProtrusionTable
+from napari_unwrap3d.viewer.files.project import open_project, saving
+from napari_unwrap3d.viewer.protrusions.annotation import KEPT
+from napari_unwrap3d.viewer.protrusions.filter import Filter
+from napari_unwrap3d.viewer.protrusions.instances import instances_of
+from napari_unwrap3d.viewer.protrusions.look import look_at
+from napari_unwrap3d.viewer.protrusions.table import ProtrusionTable
 from napari_unwrap3d.viewer.session import session_of
-from napari_unwrap3d.viewer.step_panel import ProtrusionsDock
+from napari_unwrap3d.viewer.steps.panel import ProtrusionsDock
 from viewer.opened import SECONDS
 from viewer.protruding import LEFT, SHIFT, Protruding
 
@@ -44,7 +44,7 @@ def protrusion_atlas(direct_atlas: Any) -> Any:
 @pytest.fixture(autouse=True)
 def unsaved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Cells that are left behind are kept in a folder of the test."""
-    for module in ("autosave", "project"):
+    for module in ("files.autosave", "files.project"):
         name = f"napari_unwrap3d.viewer.{module}.unsaved_folder"
         monkeypatch.setattr(name, lambda: tmp_path / "unsaved")
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.viewer.showing import ShownBar
+from napari_unwrap3d.viewer.views.showing import ShownBar
 from viewer.hand import Hand
 from viewer.opened import SECONDS, open_atlas
 from viewer.rendering import BACKGROUND, alike, assert_looks_like, picture

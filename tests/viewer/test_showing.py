@@ -9,7 +9,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 
 from napari_unwrap3d.atlas import Atlas
-from napari_unwrap3d.viewer.showing import ShownBar
+from napari_unwrap3d.viewer.views.showing import ShownBar
 from viewer.opened import open_atlas
 
 LEFT = Qt.MouseButton.LeftButton

@@ -9,10 +9,10 @@ from napari.layers import Image, Labels, Layer, Points, Surface
 
 from napari_unwrap3d import charts
 from napari_unwrap3d.errors import AxesError, InputError, VoxelSizeMissingError
-from napari_unwrap3d.viewer.computing import fingerprint
-from napari_unwrap3d.viewer.layers import KEY
-from napari_unwrap3d.viewer.movie_sources import set_time_step
-from napari_unwrap3d.viewer.sources import (
+from napari_unwrap3d.viewer.movies.sources import set_time_step
+from napari_unwrap3d.viewer.steps.computing import fingerprint
+from napari_unwrap3d.viewer.views.layers import KEY
+from napari_unwrap3d.viewer.views.sources import (
     is_source,
     layer_axes,
     layer_box,

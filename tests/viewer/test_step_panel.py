@@ -10,10 +10,10 @@ from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
 from napari_unwrap3d.viewer import session as module
-from napari_unwrap3d.viewer import step_panel
 from napari_unwrap3d.viewer.session import session_of
-from napari_unwrap3d.viewer.step_states import STEPS, StepState, step_of
-from napari_unwrap3d.viewer.step_texts import MAIN, NUMBERS, mark_of
+from napari_unwrap3d.viewer.steps import panel as step_panel
+from napari_unwrap3d.viewer.steps.states import STEPS, StepState, step_of
+from napari_unwrap3d.viewer.steps.texts import MAIN, NUMBERS, mark_of
 from napari_unwrap3d.viewer.wizard import Wizard
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}

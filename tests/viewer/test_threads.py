@@ -13,9 +13,9 @@ from typing import Any
 import pytest
 from qtpy.QtCore import QObject, Signal
 
-from napari_unwrap3d.viewer import threads
-from napari_unwrap3d.viewer.threads import STANDS_BACK, TURN_SECONDS, QuietCollector, Task
-from napari_unwrap3d.viewer.turns import Turns
+from napari_unwrap3d.viewer.common import threads
+from napari_unwrap3d.viewer.common.threads import STANDS_BACK, TURN_SECONDS, QuietCollector, Task
+from napari_unwrap3d.viewer.common.turns import Turns
 
 
 class Sender(QObject):

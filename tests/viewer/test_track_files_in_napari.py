@@ -11,15 +11,15 @@ import pandas as pd
 import pytest
 from napari.layers import Layer
 
+import napari_unwrap3d
 from napari_unwrap3d.charts import Tracks
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.files.tracks import FORMATS, read_tracks, write_tracks
-from napari_unwrap3d.viewer import readers
-from napari_unwrap3d.viewer.layers import KEY
-from napari_unwrap3d.viewer.readers import get_tracks_reader
-from napari_unwrap3d.viewer.writers import write_tracks_layer
+from napari_unwrap3d.viewer.files.readers import get_tracks_reader
+from napari_unwrap3d.viewer.files.writers import write_tracks_layer
+from napari_unwrap3d.viewer.views.layers import KEY
 
-MANIFEST = Path(readers.__file__).parents[1] / "napari.yaml"
+MANIFEST = Path(napari_unwrap3d.__file__).parent / "napari.yaml"
 COLUMNS = {
     "track_id": [1, 1, 1, 2, 2, 4],
     "timepoint": [0, 1, 3, 2, 3, 3],

@@ -16,13 +16,13 @@ from qtpy.QtWidgets import QFileDialog
 from napari_unwrap3d import Movie, load_movie, read_tracks
 from napari_unwrap3d.errors import InputError
 from napari_unwrap3d.tracking import objects
-from napari_unwrap3d.viewer import track_panel
-from napari_unwrap3d.viewer.flow_layers import NAMES
-from napari_unwrap3d.viewer.track_files import ImportDialog
-from napari_unwrap3d.viewer.track_layers import TrackLayers
-from napari_unwrap3d.viewer.track_panel import TracksDock, TracksPanel
-from napari_unwrap3d.viewer.track_run import CANCELLED, NO_MOVIE
-from napari_unwrap3d.viewer.tracks_session import tracks_session_of
+from napari_unwrap3d.viewer.tracks import panel as track_panel
+from napari_unwrap3d.viewer.tracks.files import ImportDialog
+from napari_unwrap3d.viewer.tracks.flow_layers import NAMES
+from napari_unwrap3d.viewer.tracks.layers import TrackLayers
+from napari_unwrap3d.viewer.tracks.panel import TracksDock, TracksPanel
+from napari_unwrap3d.viewer.tracks.run import CANCELLED, NO_MOVIE
+from napari_unwrap3d.viewer.tracks.session import tracks_session_of
 from napari_unwrap3d.viewer.wizard import Wizard
 from viewer.playing import Projector
 from viewer.tracked import Tracked, wandering

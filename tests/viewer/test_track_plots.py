@@ -16,8 +16,8 @@ from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d import load_movie
 from napari_unwrap3d.measuring import analysis
-from napari_unwrap3d.viewer.track_plots import NOT_MEASURED, NOTICE_PAGE, PLOT_PAGE, TrackPlotsDock
-from napari_unwrap3d.viewer.track_run import NO_TRACKS
+from napari_unwrap3d.viewer.tracks.plots import NOT_MEASURED, NOTICE_PAGE, PLOT_PAGE, TrackPlotsDock
+from napari_unwrap3d.viewer.tracks.run import NO_TRACKS
 from viewer.measured import measured
 from viewer.tracked import Tracked, wandering
 

@@ -11,7 +11,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 from napari_unwrap3d.motion.movie import load_movie
-from napari_unwrap3d.viewer.track_table import TrackTable
+from napari_unwrap3d.viewer.tracks.table import TrackTable
 from viewer.tracked import SHOWN, Tracked
 
 ROWS = QItemSelectionModel.SelectionFlag.ClearAndSelect | QItemSelectionModel.SelectionFlag.Rows

@@ -17,10 +17,10 @@ from napari_unwrap3d.atlas import Atlas
 from napari_unwrap3d.errors import NotGenusZeroError
 from napari_unwrap3d.files.project import read_summary
 from napari_unwrap3d.pipeline import STEP_NAMES
-from napari_unwrap3d.viewer.canvas import canvas_of
-from napari_unwrap3d.viewer.placing import chart_of
+from napari_unwrap3d.viewer.common.threads import THREAD_NAME
 from napari_unwrap3d.viewer.session import ASK_VOXEL_SIZE, NO_LAYER, session_of
-from napari_unwrap3d.viewer.threads import THREAD_NAME
+from napari_unwrap3d.viewer.views.canvas import canvas_of
+from napari_unwrap3d.viewer.views.placing import chart_of
 from napari_unwrap3d.viewer.wizard import Wizard
 from synthetic import icosphere
 

@@ -13,8 +13,8 @@ from napari_unwrap3d.charts import Tracks
 from napari_unwrap3d.geometry.padding import wrap_uv
 from napari_unwrap3d.motion.movie import Movie
 from napari_unwrap3d.tracking.laying import position_of
-from napari_unwrap3d.viewer.track_layers import TrackLayers
-from napari_unwrap3d.viewer.tracks_session import TracksSession, tracks_session_of
+from napari_unwrap3d.viewer.tracks.layers import TrackLayers
+from napari_unwrap3d.viewer.tracks.session import TracksSession, tracks_session_of
 from viewer.playing import Projector
 
 LEFT, NONE = Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from ..atlas import ON_SURFACE_VOXELS
 from ..charts import Floats, Ints
 from ..geometry.near import nearest_vertices
 from ..geometry.overlaps import covered
 from ..geometry.padding import sample_uv_nearest, wrap_uv
+from ..maps import ON_SURFACE_VOXELS
 from ..shell import nearest_at_nodes, surface_index
 from ..unwrapping.direct import ownership
 from ..unwrapping.surface import same_mesh

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import tempfile
 import weakref
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -23,6 +23,7 @@ from ..pipeline import ProgressLike
 from ..progress import Progress
 from .common import EACH
 from .stages import MovieWork, stages
+from .tables import check_table, proposal, registration_table
 from .timelapse import Source, Timelapse
 from .views import atlas_in, own_atlas
 
@@ -34,15 +35,6 @@ if TYPE_CHECKING:
 
 FRAMES_IN_MEMORY = 4
 ATLASES_IN_MEMORY = 2
-COMPARED = ("residual_before", "residual", "corresponding")
-CHECKED = (
-    "area_um2",
-    "volume_um3",
-    "outside_area_um2",
-    "outside_fraction",
-    "empty_area_um2",
-    "empty_fraction",
-)
 
 
 @dataclass(eq=False)
@@ -365,19 +357,7 @@ class Movie:
             channel that was registered, ``shift_z_um_0``, … ``angle_deg_0`` with its name or
             number. NaN where nothing was registered.
         """
-        import pandas as pd
-
-        rows = []
-        for timepoint, time_s in enumerate(self.times_s):
-            found = self.folder.registered(timepoint)
-            numbers = {} if found is None else found.numbers
-            row = {"timepoint": timepoint, "time_s": time_s, **_moved(numbers)}
-            row |= {name: numbers.get(name, np.nan) for name in COMPARED}
-            for channel, own in numbers.get("channels", {}).items():
-                name = self.channels[int(channel)]
-                row |= {f"{key}_{name}": value for key, value in _moved(own).items()}
-            rows.append(row)
-        return pd.DataFrame(rows)
+        return registration_table(self)
 
     def check_table(self) -> pd.DataFrame:
         """A row per timepoint: what its surface measures, and what of it leaves the shell.
@@ -390,15 +370,7 @@ class Movie:
             ``outside_fraction`` of what of it leaves the shell, and ``empty_area_um2`` and
             ``empty_fraction`` of the part of the reference over which there is none.
         """
-        import pandas as pd
-
-        rows = []
-        for timepoint, time_s in enumerate(self.times_s):
-            made = self.has_frame(timepoint)
-            numbers = self.folder.frame_numbers(timepoint) if made else {}
-            row = {"timepoint": timepoint, "time_s": time_s, "made": made}
-            rows.append(row | {name: numbers.get(name, np.nan) for name in CHECKED})
-        return pd.DataFrame(rows)
+        return check_table(self)
 
     def proposal(self) -> str:
         """Why another common space is proposed, in words for the user; empty if none is.
@@ -406,22 +378,7 @@ class Movie:
         Where too much of a timepoint's surface leaves the mapped shell, every timepoint should
         have its own atlas (paper, "Individual blebs dynamically recruit Septins").
         """
-        limit = self.parameters.movie.largest_outside
-        if self.record.get("method") == EACH:
-            return ""
-        table = self.check_table().fillna(0.0)
-        shares = table[["outside_fraction", "empty_fraction"]].max(axis=1)
-        if not (shares > limit).any():
-            return ""
-        worst = table.loc[shares.idxmax()]
-        return (
-            f"At timepoint {worst.timepoint:.0f}, {100 * worst.outside_fraction:.1f} % of the "
-            f"surface ({worst.outside_area_um2:.1f} µm²) leaves the common space, and over "
-            f"{100 * worst.empty_fraction:.1f} % of the reference there is no surface; at "
-            f"{int((shares > limit).sum())} of {len(self)} timepoints it is more than "
-            f"{100 * limit:g} %. An atlas for each timepoint holds all of it "
-            '(movie.common = "each").'
-        )
+        return proposal(self)
 
     # Files -------------------------------------------------------------------------
 
@@ -489,18 +446,6 @@ def unwrap_movie(
         movie._owning()
     run_stages(work, progress, until="common")
     return movie
-
-
-def _moved(numbers: Mapping[str, Any]) -> dict[str, float]:
-    """The columns of a motion in a table."""
-    z, y, x = numbers.get("shift_um", (np.nan,) * 3)
-    return {
-        "shift_z_um": z,
-        "shift_y_um": y,
-        "shift_x_um": x,
-        "shift_um": float(np.linalg.norm((z, y, x))),
-        "angle_deg": numbers.get("angle_deg", np.nan),
-    }
 
 
 def _temporary_folder() -> Path:

@@ -125,6 +125,12 @@ class Parameters(StepParameters):
                 hint="`napari-unwrap3d info --parameters` lists every parameter with its range.",
             ) from None
 
+    def changed(self, group: str, values: dict[str, Any]) -> Parameters:
+        """The parameters with other values in one group, checked as by :meth:`from_dict`."""
+        groups = self.model_dump()
+        groups[group] |= values
+        return self.from_dict(groups)
+
     @classmethod
     def from_toml(cls, source: str | Path) -> Parameters:
         """Read a TOML file (a Path) or TOML text (a str)."""

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..parameters import Parameters
-from .samples import sample
+from .files.samples import sample
 
 if TYPE_CHECKING:
     import napari

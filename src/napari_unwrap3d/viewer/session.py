@@ -17,28 +17,26 @@ from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
 from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline, Source
-from .binding import warn_of_binding
-from .computing import Computation, Known, Outcome
-from .keeping import keeping
-from .layers import LayerData, atlas_charts
-from .per_viewer import PerViewer
-from .picture import Picture
-from .previews import Previews
-from .sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
-from .step_states import (
+from .annotations.keeping import keeping
+from .common.binding import warn_of_binding
+from .common.per_viewer import PerViewer
+from .common.threads import Task, quiet_collector, tell
+from .common.turns import Turns, soon
+from .steps.computing import Computation, Known, Outcome
+from .steps.previews import Previews
+from .steps.states import (
     DONE,
-    FAILED,
-    NOT_READY,
     RUNNING,
     STALE,
     STEPS,
     StepState,
     first_open_step,
     pipeline_states,
-    step_of,
+    states_now,
 )
-from .threads import Task, quiet_collector, tell
-from .turns import Turns, soon
+from .views.layers import LayerData, atlas_charts
+from .views.picture import Picture
+from .views.sources import is_source, layer_box, layer_source, layer_voxel_size, set_voxel_size
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -188,7 +186,7 @@ class Session(QObject):
         labels = type(layer).__name__ == "Labels"
         chosen = max(int(layer.selected_label), 1) if labels else None  # type: ignore[union-attr]
         if chosen != self._parameters.stack.label:
-            self.set_parameters(_with(self._parameters, "stack", {"label": chosen}))
+            self.set_parameters(self._parameters.changed("stack", {"label": chosen}))
 
     # The parameters ----------------------------------------------------------
 
@@ -214,7 +212,7 @@ class Session(QObject):
         What is out of range is kept as this step's problem, and said when it should run.
         """
         try:
-            parameters = _with(self._parameters, step, values)
+            parameters = self._parameters.changed(step, values)
         except ParameterError as error:
             self._problems[step] = str(error)
             self._update_states()
@@ -291,7 +289,7 @@ class Session(QObject):
             raise ParameterError(next(iter(self._problems.values())))
         if until in REQUESTED:
             # From now on it is one of the steps that a changed parameter computes anew.
-            self.set_parameters(_with(self._parameters, until, {"compute": True}))
+            self.set_parameters(self._parameters.changed(until, {"compute": True}))
             until = STEP_NAMES[-1]
         self._start(until or STEP_NAMES[-1])
 
@@ -476,22 +474,13 @@ class Session(QObject):
     def _update_states(self, running: str = "") -> None:
         """Which results hold for the current parameters, and what keeps a step from running."""
         pipeline = None if self._known is None else self._known.pipeline
-        self.steps = pipeline_states(pipeline, self._parameters, self.blocked())
-        for group, problem in self._problems.items():
-            self.steps[step_of(group)] = StepState(NOT_READY, reason=problem)
-        if self._failed is not None and self._failed[0] in self.steps:
-            step, reason = self._failed
-            self.steps[step] = StepState(FAILED, reason=reason)
-        if running:
-            self.steps[running].state = RUNNING
+        self.steps = states_now(
+            pipeline_states(pipeline, self._parameters, self.blocked()),
+            self._problems,
+            self._failed,
+            running,
+        )
         self.steps_changed.emit()
-
-
-def _with(parameters: Parameters, step: str, values: dict[str, Any]) -> Parameters:
-    """The parameters with other values of one step, checked."""
-    groups = parameters.model_dump()
-    groups[step] |= values
-    return Parameters.from_dict(groups)
 
 
 def _begin(_: Any, session: Session) -> None:

@@ -21,20 +21,20 @@ from ..errors import Unwrap3DError
 from ..files.project import SUFFIX
 from ..parameters import PRESETS, Parameters
 from ..pipeline import STEP_NAMES
-from .connections import end_with_dock
-from .docking import Docked
-from .instances import instances_of
-from .left_behind import LeftBehind
-from .movie_wizard import MoviePanel
-from .progress_bar import ProgressBar
-from .project import autosave_of, open_project, saving_task
-from .section import HIGHLIGHT
+from .common.connections import end_with_dock
+from .common.docking import Docked
+from .common.progress_bar import ProgressBar
+from .common.section import HIGHLIGHT
+from .common.threads import Task, tell
+from .files.left_behind import LeftBehind
+from .files.project import autosave_of, open_project, saving_task
+from .movies.wizard import MoviePanel
+from .protrusions.instances import instances_of
 from .session import REQUESTED, session_of
-from .source_chooser import SourceChooser
-from .step_panel import WIDTH, StepPanel, scrolling
-from .step_states import STEPS, TITLES
-from .threads import Task, tell
-from .track_panel import TracksPanel
+from .steps.panel import WIDTH, StepPanel, scrolling
+from .steps.source_chooser import SourceChooser
+from .steps.states import STEPS, TITLES
+from .tracks.panel import TracksPanel
 
 if TYPE_CHECKING:
     import napari
@@ -230,8 +230,8 @@ class Wizard(Docked):
 
     def _on_movie(self) -> None:
         """There is a page for the movie where there is a timelapse, or a movie; then tracks."""
-        run = self.movie.run
-        there = run.source is not None or run.movie is not None or bool(run.candidates())
+        run, chosen = self.movie.run, self.movie.run.chosen
+        there = chosen.source is not None or run.movie is not None or bool(chosen.candidates())
         for page, wanted in ((self.movie, there), (self.tracks, run.movie is not None)):
             index = self.pages.indexOf(page)
             self.pages.setTabVisible(index, wanted or self.pages.currentIndex() == index)

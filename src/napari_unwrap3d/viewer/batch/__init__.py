@@ -1,0 +1,1 @@
+"""Many files, cells and movies at once."""

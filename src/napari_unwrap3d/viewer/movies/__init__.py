@@ -1,0 +1,1 @@
+"""Movies: made from a timelapse, shown over time, and looked at in kymographs and projections."""

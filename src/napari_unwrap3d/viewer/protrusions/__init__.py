@@ -1,0 +1,1 @@
+"""The protrusions of a cell: shown, selected, edited, and in a table."""

@@ -1,0 +1,1 @@
+"""Tracks on a movie: followed, shown, edited, measured, plotted and kept in files."""

@@ -1,0 +1,1 @@
+"""The charts of a cell in both canvases: their layers, colours, depths, and the linked cursor."""
