@@ -13,6 +13,7 @@ import numpy as np
 import psutil
 
 from napari_unwrap3d.batch import worker
+from napari_unwrap3d.batch.cells import RECORD
 from napari_unwrap3d.files.movie import MovieFolder
 from napari_unwrap3d.files.project import load_project
 from napari_unwrap3d.files.stacks import write_image
@@ -83,6 +84,34 @@ def assert_same_movie(one: Path, other: Path, timepoints: int) -> None:
     for timepoint in range(timepoints):
         assert same(first.mask(timepoint), second.mask(timepoint)), timepoint
         assert same(first.frame(timepoint), second.frame(timepoint)), timepoint
+
+
+def assert_same_tracked(one: Path, other: Path, timepoints: int) -> None:
+    """Protrusions of every timepoint, and the tracks of two movies, agree to the last bit."""
+    first, second = MovieFolder(one), MovieFolder(other)
+    for timepoint in range(timepoints):
+        found = first.protrusions(timepoint)
+        assert found is not None
+        assert same(found, second.protrusions(timepoint)), timepoint
+    assert first.track_names() == second.track_names() != []
+    for name in first.track_names():
+        assert same(first.tracks(name), second.tracks(name)), name
+        assert first.tracks_key(name) == second.tracks_key(name)
+
+
+def assert_same_files(measured: Path, by_hand: Path) -> None:
+    """All files of two folders agree to the last byte, but for the batch's own note."""
+    found, expected = (
+        {
+            path.relative_to(folder): path.read_bytes()
+            for path in folder.rglob("*")
+            if path.is_file()
+        }
+        for folder in (measured, by_hand)
+    )
+    assert found.pop(Path(RECORD))
+    assert set(found) == set(expected) != set()
+    assert [path for path in found if found[path] != expected[path]] == []
 
 
 def worker_pids() -> list[int]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,16 +13,16 @@ from batches import SIZES, TINY, VOXEL, ball, label_image, moving_ball, same, wr
 from napari_unwrap3d import Parameters, Stack
 from napari_unwrap3d.batch import Plan, Reading, plan_batch
 from napari_unwrap3d.batch.inputs import Looked, expanded
-from napari_unwrap3d.batch.jobs import Job
+from napari_unwrap3d.batch.jobs import Further, Job
 from napari_unwrap3d.batch.locks import held
 from napari_unwrap3d.batch.memory import GB, crew, estimate
 from napari_unwrap3d.batch.result import BatchResult, Row
 from napari_unwrap3d.batch.running import LOCK, run_plan
 from napari_unwrap3d.batch.tasks import Failure, MovieTask, groups
-from napari_unwrap3d.batch.worker import Done
+from napari_unwrap3d.batch.worker import FURTHER, Done
 from napari_unwrap3d.charts import Mask
 from napari_unwrap3d.cli import build_parser, main
-from napari_unwrap3d.errors import InputError
+from napari_unwrap3d.errors import InputError, ParameterError
 from napari_unwrap3d.files.meshes import write_mesh
 from napari_unwrap3d.files.movie import MovieFolder
 from napari_unwrap3d.files.stacks import write_image
@@ -167,15 +168,23 @@ def test_too_little_memory_is_refused_with_the_numbers() -> None:
 
 
 def test_larger_items_are_estimated_to_take_more() -> None:
-    def size(edge: int, rows: int = 256, voxels: int | None = None, **stack: object) -> float:
+    def size(
+        edge: int,
+        rows: int = 256,
+        voxels: int | None = None,
+        protrusions: bool = False,
+        **stack: object,
+    ) -> float:
         chosen = Parameters.from_dict({"uv": {"rows": rows}, "stack": stack})
-        return estimate(Looked(1, (edge,) * 3, (0.1,) * 3, edge**3), chosen, voxels)
+        looked = Looked(1, (edge,) * 3, (0.1,) * 3, edge**3)
+        return estimate(looked, chosen, voxels, protrusions)
 
     assert size(100) < size(200) < size(400)
     assert size(200, rows=128) < size(200, rows=512)
     assert size(400, working_voxel_um=0.2) < size(400)
     assert size(400, crop_voxels=(0, 100, 0, 100, 0, 100)) < size(400)
     assert size(400, voxels=10_000) < size(400)
+    assert size(400) < size(400, protrusions=True)
 
 
 def test_a_batch_that_does_not_fit_writes_nothing(tmp_path: Path, capsys) -> None:
@@ -190,11 +199,10 @@ def test_a_batch_that_does_not_fit_writes_nothing(tmp_path: Path, capsys) -> Non
 # The stages of a movie ---------------------------------------------------------------
 
 
-def movie_task(tmp_path: Path, timepoints: int) -> MovieTask:
+def movie_task(tmp_path: Path, timepoints: int, **more: bool) -> MovieTask:
     files = write_masks(tmp_path / "files", timepoints)
-    plan = planned(
-        files, tmp_path / "out", timelapse=True, reading=Reading(time_step=2.0, mask=True)
-    )
+    reading = Reading(time_step=2.0, mask=True)
+    plan = planned(files, tmp_path / "out", timelapse=True, reading=reading, **more)
     task = MovieTask(plan.jobs[0], *plan.jobs[0].save(tmp_path / "out"))
     task.begin()
     return task
@@ -245,11 +253,115 @@ def test_without_any_timepoint_there_is_no_common_space(tmp_path: Path) -> None:
     assert [row.state for row in task.rows] == ["failed"] * 3
 
 
+def answer(task: MovieTask, failing: dict[str, int], there: bool = False) -> list[str]:
+    """Do all pieces, of which those of some stages fail at a timepoint; what was done."""
+    done = []
+    while task.ready:
+        piece = task.ready.popleft()
+        stage = piece.stages[-1]
+        if failing.get(stage) == piece.timepoint:
+            task.take(piece, Failure(stage, "why"))
+        else:
+            task.take(piece, Done(dict.fromkeys(piece.stages, not there)))
+            done.append(piece.named)
+    return done
+
+
+def states_of(task: MovieTask) -> dict[int | str, str]:
+    return {row.stage if row.timepoint is None else row.timepoint: row.state for row in task.rows}
+
+
+AFTER = ["alike", "protrusions 0", "protrusions 1", "tracks", "measurements"]
+
+
+def test_what_follows_the_frames_waits_for_what_it_needs(tmp_path: Path) -> None:
+    task = movie_task(tmp_path, 2, measure=True)
+    left = [(row.timepoint, row.stage, row.state) for row in task.new_rows()]
+    assert left == [(row.timepoint, row.stage, row.state) for row in task.rows]
+    assert answer(task, {})[-5:] == AFTER
+    assert task.finished == task.pieces == 10
+    assert set(states_of(task).values()) == {"done"}
+    assert {row.stage for row in task.rows if row.timepoint is not None} == {"protrusions"}
+
+
+def test_what_is_there_is_skipped(tmp_path: Path) -> None:
+    task = movie_task(tmp_path, 2, measure=True)
+    assert answer(task, {}, there=True)[-5:] == AFTER
+    assert set(states_of(task).values()) == {"skipped"}
+
+
+@pytest.mark.parametrize(
+    ("stage", "timepoint", "done"),
+    [("alike", 0, 0), ("protrusions", 1, 2), ("tracks", 0, 3), ("measurements", 0, 4)],
+)
+def test_what_needs_something_that_failed_is_not_tried_and_frames_stay(
+    tmp_path: Path, stage: str, timepoint: int, done: int
+) -> None:
+    task = movie_task(tmp_path, 2, measure=True)
+    assert answer(task, {stage: timepoint})[5:] == AFTER[:done]
+    found = states_of(task)
+    assert found["common"] == "done"
+    assert found["measurements"] == "failed"
+    assert found["alike"] == ("failed" if stage == "alike" else "done")
+    assert found[0] == ("failed" if stage == "alike" else "done")
+    assert found[1] == ("failed" if stage in ("alike", "protrusions") else "done")
+    assert all("why" in row.reason for row in task.rows if row.state == "failed")
+    assert task.finished == task.pieces
+    folder = MovieFolder(Path(task.job.folder))
+    assert [folder.failure(t) for t in range(2)] == [None, None]
+
+
+def test_a_lost_timepoint_is_left_out_of_the_tracks(tmp_path: Path) -> None:
+    task = movie_task(tmp_path, 3, track=True)
+    done = answer(task, {"frame": 1})
+    assert done[-4:] == ["alike", "protrusions 0", "protrusions 2", "tracks"]
+    assert states_of(task) == {
+        "common": "done", "alike": "done", "tracks": "done", 0: "done", 1: "failed", 2: "done",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("track", "measure", "settings", "expected"),
+    [
+        (False, False, {}, ()),
+        (False, False, {"protrusions": {"compute": True}}, ("alike", "protrusions")),
+        (True, False, {}, ("alike", "protrusions", "tracks")),
+        (False, True, {}, ("alike", "protrusions", "tracks", "measurements")),
+        (False, True, {"measurement": {"tracks": "flow"}}, ("tracks", "measurements")),
+        (False, True, {"measurement": {"tracks": "places"}}, ("measurements",)),
+    ],
+)
+def test_what_is_made_of_a_movie(
+    tmp_path: Path, track: bool, measure: bool, settings: dict, expected: tuple[str, ...]
+) -> None:
+    files = write_masks(tmp_path / "files", 2)
+    options = {"reading": Reading(time_step=2.0, mask=True), "timelapse": True}
+    parameters = Parameters.from_dict(TINY | settings)
+    plan = plan_batch(files, parameters, tmp_path / "out", track=track, measure=measure, **options)
+    assert plan.jobs[0].further == expected
+    assert all(stage in plan.in_words for stage in expected if stage != "alike")
+    assert ("also" in plan.in_words) == bool(expected)
+
+
+def test_what_cannot_be_tracked_is_refused(tmp_path: Path) -> None:
+    files = write_masks(tmp_path / "files", 2)
+    with pytest.raises(InputError, match="no movie"):
+        planned(files, tmp_path / "out", reading=Reading(mask=True), track=True)
+    places = Parameters.from_dict({"measurement": {"tracks": "places"}})
+    with pytest.raises(ParameterError, match="Nothing is followed"):
+        plan_batch(files, places, tmp_path / "out", timelapse=True, track=True)
+
+
 def test_every_stage_is_in_one_group() -> None:
     found = list(groups(5))
     assert found[0] == (("register", "segment"), range(5))
     assert [len(timepoints) for _, timepoints in found][1] == 1
     assert found[-1] == (("frame",), range(5))
+    assert list(groups(5, get_args(Further)))[3:] == [
+        (("alike",), range(1)), (("protrusions",), range(5)),
+        (("tracks",), range(1)), (("measurements",), range(1)),
+    ]  # fmt: skip
+    assert get_args(Further) == FURTHER
 
 
 # The summary and the command ---------------------------------------------------------
@@ -284,6 +396,9 @@ def test_the_options_of_the_command() -> None:
     chosen = parsed("--labels", "1", "2", "--workers", "3", "--memory", "2.5", "--timelapse")
     assert (chosen.inputs, chosen.labels, chosen.workers) == (["a.tif", "b.tif"], ["1", "2"], 3)
     assert chosen.memory == 2.5
+    assert (chosen.track, chosen.measure) == (False, False)
+    assert parsed("--track").track
+    assert parsed("--measure").measure
     for wrong in (("--workers", "0"), ("--memory", "-1")):
         with pytest.raises(SystemExit):
             parsed(*wrong)

@@ -3,22 +3,34 @@
 from __future__ import annotations
 
 import os
+import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
 
 import batches
-from batches import SIZES, TINY, VOXEL, assert_same_movie, label_image, write_masks
+from batches import (
+    SIZES,
+    TINY,
+    VOXEL,
+    assert_same_files,
+    assert_same_movie,
+    assert_same_tracked,
+    label_image,
+    write_masks,
+)
 from napari_unwrap3d import Cancelled, Parameters, Progress, load, load_movie, unwrap_movie
 from napari_unwrap3d.batch import Exports, Reading, cluster, driver, run_batch
 from napari_unwrap3d.charts import Mask
 from napari_unwrap3d.cli import main
 from napari_unwrap3d.errors import InputError
+from napari_unwrap3d.files.movie import MovieFolder
 from napari_unwrap3d.files.stacks import write_image
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="kills processes by signals")
@@ -73,7 +85,7 @@ def test_a_worker_that_is_killed_in_the_middle_changes_nothing(undisturbed, tmp_
 RUN = """
 import sys
 from napari_unwrap3d import Parameters
-from napari_unwrap3d.batch import Reading, run_batch
+from napari_unwrap3d.batch import Exports, Reading, run_batch
 
 def tell(stage, fraction, message):
     print(f"{fraction:.3f}", flush=True)
@@ -81,23 +93,28 @@ def tell(stage, fraction, message):
 if __name__ == "__main__":
     run_batch(
         sys.argv[2:], Parameters.from_dict(PARAMETERS), sys.argv[1],
-        reading=Reading(mask=True, time_step=2.0), timelapse=True, workers=2, threads=1,
-        progress=tell,
+        reading=Reading(mask=True, time_step=2.0), timelapse=True, threads=1, progress=tell,
+        exports=Exports(pictures=False), **MORE,
     )
 """
 
 
-def test_a_run_that_is_killed_goes_on_where_it_was(undisturbed, tmp_path: Path) -> None:
-    files, expected = undisturbed
-    script = tmp_path / "run.py"
-    script.write_text(RUN.replace("PARAMETERS", repr(TINY)))
-    output = tmp_path / "output"
+def killed_run(output: Path, files: list[Path], after: float, **more: Any) -> None:
+    """A run in a process that is killed once more than a part of it is done."""
+    script = output.with_name("run.py")
+    script.write_text(RUN.replace("PARAMETERS", repr(TINY)).replace("MORE", repr(more)))
     command = [sys.executable, str(script), str(output), *map(str, files)]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL) as run:
         for line in run.stdout:
-            if float(line) > 0.3:
+            if float(line) > after:
                 run.kill()
                 break
+
+
+def test_a_run_that_is_killed_goes_on_where_it_was(undisturbed, tmp_path: Path) -> None:
+    files, expected = undisturbed
+    output = tmp_path / "output"
+    killed_run(output, files, 0.3, workers=WORKERS)
     before = pieces_done(output)
     assert 1 < len(before) < 2 * TIMEPOINTS
     # The workers end with the run; until then they hold nothing that the next one needs.
@@ -111,6 +128,47 @@ def test_a_run_that_is_killed_goes_on_where_it_was(undisturbed, tmp_path: Path) 
     assert result.exit_code == 0
     assert_same_movie(output / "files", expected, TIMEPOINTS)
     assert not list(output.rglob(".*.partial"))
+
+
+def test_tracks_and_measurements_are_those_of_the_commands_whoever_was_killed(
+    undisturbed, tmp_path: Path
+) -> None:
+    files, unwrapped = undisturbed
+    by_hand = Path(shutil.copytree(unwrapped, tmp_path / "by hand" / "files"))
+    folder = MovieFolder(by_hand)
+    folder.begin(folder.manifest() | {"name": "files"})  # as the batch calls it
+    assert main(["track", str(by_hand)]) == 0
+    assert main(["measure", str(by_hand), "-o", str(tmp_path / "measured"), "--no-report"]) == 0
+    output = tmp_path / "output"
+    shutil.copytree(unwrapped, output / "files")  # frames that are there need not be made
+    # Of 9 pieces up to the frames, 1 + 4 + 1 + 1 follow: the first of the protrusions is there.
+    killed_run(output, files, 10.5 / 16, workers=1, measure=True)
+    before = pieces_done(output)
+    assert before[0] == "== alike"
+    assert 1 < len(before) < 1 + TIMEPOINTS
+
+    killed: list[int] = []
+
+    def kill_one(stage: str, fraction: float, message: str) -> None:
+        if stage == "batch" and fraction > 10.5 / 16 and not killed:
+            killed.append(batches.worker_pids()[-1])
+            os.kill(killed[0], signal.SIGKILL)
+
+    result = run_batch(
+        files, PARAMETERS, output, reading=MASKS, timelapse=True, workers=WORKERS, threads=1,
+        measure=True, exports=Exports(pictures=False), progress=kill_one,
+    )  # fmt: skip
+    assert len(killed) == 1
+    assert result.exit_code == 0, [row.reason for row in result.failed]
+    every = pieces_done(output)
+    assert len(set(every)) == len(every), "a piece was done twice"
+    assert every[-1] == "== measurements"
+    assert not list(output.rglob(".*.partial"))
+    assert_same_tracked(output / "files", by_hand, TIMEPOINTS)
+    assert_same_files(output / "measurements" / "files", tmp_path / "measured")
+    found = {row.stage: row.tracks for row in result.rows if row.timepoint is None}
+    assert found["tracks"] == found["measurements"] == TIMEPOINTS  # the bump jumps too far
+    assert [row.protrusions for row in result.rows if row.timepoint is not None] == [1] * TIMEPOINTS
 
 
 def test_a_batch_that_is_cancelled_tells_what_is_left_and_goes_on(

@@ -35,8 +35,8 @@ def add_parameters(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def add_charts(parser: argparse.ArgumentParser) -> None:
-    """Options for charts that are not always made."""
+def add_charts(parser: argparse.ArgumentParser, movies: str = "") -> None:
+    """Options for charts that are not always made; `movies`: what they are of movies."""
     parser.add_argument(
         "--direct",
         action="store_true",
@@ -48,7 +48,7 @@ def add_charts(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--protrusions",
         action="store_true",
-        help="also find and measure every bleb, lamellipodium and filopodium",
+        help=f"also find and measure every bleb, lamellipodium and filopodium{movies}",
     )
 
 

@@ -62,6 +62,31 @@ def test_it_runs_lists_what_fails_and_says_the_command(
     assert clipboard.text() == dialog.command.text()
 
 
+def test_what_is_measured_is_tracked_and_asked_for(
+    dialog: BatchDialog, qtbot: Any, tmp_path: Path
+) -> None:
+    dialog.add([str(path) for path in write_masks(tmp_path / "cell", 2)])
+    assert not dialog.protrusions.isChecked()
+    dialog.track.click()
+    assert "--track" in shlex.split(dialog.command.text())
+    dialog.measure.click()
+    assert dialog.track.isChecked()
+    assert not dialog.track.isEnabled()
+    words = shlex.split(dialog.command.text())
+    assert "--measure" in words
+    assert "--track" not in words
+    assert build_parser().parse_args(words[1:]).measure
+    dialog.protrusions.click()
+    request = dialog.request()
+    assert request.measure
+    assert Parameters.from_toml(request.parameters).protrusions.compute
+    dialog.timelapse.setChecked(True)
+    dialog.time_step.setValue(2.0)
+    dialog.plan_button.click()
+    qtbot.waitUntil(lambda: dialog.process is None, timeout=SECONDS)
+    assert "of movies also their protrusions, tracks and measurements" in dialog.note.text()
+
+
 def test_a_check_does_nothing_and_an_error_is_told(
     dialog: BatchDialog, qtbot: Any, tmp_path: Path
 ) -> None:

@@ -46,7 +46,7 @@ def unwrap_cell(job: Job) -> tuple[bool, dict[str, Any]]:
     key = content_hash(
         STEP_VERSION, source_key, job.parameters.to_toml(), job.exports.model_dump_json()
     )
-    record = _record(folder)
+    record = record_of(folder)
     if record.get("key") == key and (folder / PROJECT_NAME).is_file():
         return False, dict(record["numbers"])
     pipeline = Pipeline(source)
@@ -87,7 +87,8 @@ def _source_key(source: Source, parameters: Parameters) -> str:
     return Timelapse((source,), 1.0).key(0)
 
 
-def _record(folder: Path) -> dict[str, Any]:
+def record_of(folder: Path) -> dict[str, Any]:
+    """What the batch noted when everything in a folder was written; empty where it did not."""
     try:
         found = json.loads((folder / RECORD).read_text(encoding="utf-8"))
     except (OSError, ValueError):

@@ -45,6 +45,8 @@ class Request(BaseModel):
         The files are the timepoints of one movie.
     every_label : bool
         Stacks are label images: one atlas, or one movie, for each label.
+    track, measure : bool
+        Of movies; see :func:`~napari_unwrap3d.batch.run_batch`.
     workers : int or None
     memory_gb : float or None
         Of each worker.
@@ -60,6 +62,8 @@ class Request(BaseModel):
     reading: Reading = Reading()
     timelapse: bool = False
     every_label: bool = False
+    track: bool = False
+    measure: bool = False
     workers: int | None = None
     memory_gb: float | None = None
     plan_only: bool = False
@@ -75,6 +79,7 @@ class Request(BaseModel):
         words += ["--params", str(self.parameters_path), "-o", self.output]
         words += ["--timelapse"] * self.timelapse + ["--mask"] * self.reading.mask
         words += ["--labels", "all"] if self.every_label else []
+        words += ["--track"] * (self.track and not self.measure) + ["--measure"] * self.measure
         if self.reading.time_step is not None:
             words += ["--time-step", f"{self.reading.time_step:.10g}"]
         if self.reading.voxel_size is not None:
@@ -98,6 +103,8 @@ def run(request: Request, send: Any, progress: Progress) -> None:
         reading=request.reading,
         timelapse=request.timelapse,
         labels="all" if request.every_label else None,
+        track=request.track,
+        measure=request.measure,
         workers=request.workers,
         memory_gb=request.memory_gb,
         progress=progress.named("plan"),
@@ -123,10 +130,7 @@ def run(request: Request, send: Any, progress: Progress) -> None:
 
 def described(plan: Plan) -> str:
     """What will be done, with which workers and how much memory."""
-    movies = sum(job.timepoints is not None for job in plan.jobs)
-    counts = ((len(plan.jobs) - movies, "cell"), (movies, "movie"))
-    parts = [f"{count} {what}{'s' * (count != 1)}" for count, what in counts if count]
-    lines = [f"{' and '.join(parts) or 'Nothing'} to unwrap."]
+    lines = [f"{plan.in_words}."]
     lines += [f"Cannot be opened: {row.name}: {row.reason}" for row in plan.failed]
     if plan.crew is not None:
         lines.append(f"{plan.crew}.")

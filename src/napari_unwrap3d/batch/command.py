@@ -61,7 +61,19 @@ def add_batch(commands: Any) -> None:
         metavar="CHANNEL",
         help="channels sampled below the surface of single cells; of movies: --set movie.signals",
     )
-    add_charts(batch)
+    add_charts(batch, movies=" (of movies, at every timepoint)")
+    batch.add_argument(
+        "--track",
+        action="store_true",
+        help="movies: also follow what measurement.tracks names, as `track` does: the protrusions "
+        "of every timepoint, which are found before, or regions by flow",
+    )
+    batch.add_argument(
+        "--measure",
+        action="store_true",
+        help="movies: also measure the tracks (implies --track), as `measure` does, into "
+        "OUTPUT/measurements",
+    )
     _add_workers(batch)
     add_output(batch, None)
 
@@ -119,7 +131,7 @@ def batch_command(arguments: argparse.Namespace, console: Console) -> int:
         interruptible(Progress(bars, "plan")) as progress,
     ):
         plan = _planned(arguments, progress)
-        _print_plan(plan, console)
+        console.print(plan.in_words, highlight=False)
         try:
             result = run_plan(
                 plan, progress, tell=lambda words: console.print(words, highlight=False)
@@ -161,6 +173,8 @@ def _planned(arguments: argparse.Namespace, progress: Any) -> Plan:
         timelapse=arguments.timelapse,
         movies=arguments.timepoint is None,
         labels=_labels(arguments.labels),
+        track=arguments.track,
+        measure=arguments.measure,
         exports=exports,
         workers=arguments.workers,
         threads=arguments.threads,
@@ -183,13 +197,6 @@ def _labels(words: list[str] | None) -> Labels:
             f"{' '.join(words)!r} are no labels.", hint="Write --labels all, or --labels 1 2 7."
         )
     return [int(word) for word in numbers]
-
-
-def _print_plan(plan: Plan, console: Console) -> None:
-    movies = sum(job.timepoints is not None for job in plan.jobs)
-    cells = len(plan.jobs) - movies
-    words = [f"{n} {what}" for n, what in ((cells, "cells"), (movies, "movies")) if n]
-    console.print(f"{' and '.join(words) or 'Nothing'} to unwrap", highlight=False)
 
 
 def _print_result(result: BatchResult, console: Console, errors: Console) -> None:

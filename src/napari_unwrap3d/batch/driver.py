@@ -71,11 +71,7 @@ class Driver:
         """Of all items, also those that are not begun."""
         found = list(self.before)
         for task in self.tasks:
-            count = task.job.timepoints
-            found += task.rows or [
-                Row(task.job.name, task.job.file, task.job.label, timepoint)
-                for timepoint in ([None] if count is None else [None, *range(count)])
-            ]
+            found += task.rows or task.new_rows()
         return found
 
     def counts(self) -> dict[str, int]:

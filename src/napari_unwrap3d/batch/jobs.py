@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
@@ -17,16 +18,20 @@ from ..provenance import content_hash
 from .inputs import Recipe
 
 JOBS = "jobs"
+Further = Literal["alike", "protrusions", "tracks", "measurements"]
+# Tracks that are made of a movie; others are in it, or need not be kept.
+PROTRUSIONS, MADE = "protrusions", ("protrusions", "flow")
 
 
 class Exports(BaseModel):
-    """What is written of single cells, beside the project.
+    """What is written of single cells, beside the project, and of what is measured in movies.
 
     Attributes
     ----------
     formats : tuple of str
-        See :class:`~napari_unwrap3d.files.formats.Formats`.
+        See :class:`~napari_unwrap3d.files.formats.Formats`; of what is measured, that of tables.
     pictures : bool
+        Of what is measured, whether there is a report with its figures.
     signals : tuple of str
         Channels that are sampled below the surface; those of movies are parameters of theirs.
     """
@@ -54,6 +59,10 @@ class Job(BaseModel):
         Of a movie; None of a single cell.
     folder : str
         Absolute.
+    track, measure : bool
+        Of a movie, whether it is tracked, and whether its tracks are measured.
+    measured_folder : str
+        Where measurements are written; absolute.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -65,6 +74,34 @@ class Job(BaseModel):
     parameters: Parameters
     folder: str
     exports: Exports = Exports()
+    track: bool = False
+    measure: bool = False
+    measured_folder: str = ""
+
+    @property
+    def further(self) -> tuple[Further, ...]:
+        """What is made of a movie once it is unwrapped, in this order.
+
+        Its protrusions where the parameters ask for them or they are tracked: first what those of
+        all timepoints have in common, then those of every timepoint.
+        """
+        followed = self.parameters.measurement.tracks
+        tracked = (self.track or self.measure) and followed in MADE
+        found: list[Further] = []
+        if self.parameters.protrusions.compute or (tracked and followed == PROTRUSIONS):
+            found += ["alike", "protrusions"]
+        found += ["tracks"] * tracked
+        return (*found, "measurements") if self.measure else tuple(found)
+
+    def needed(self, stage: str) -> tuple[Further, ...]:
+        """Without which of its own a stage after the frames cannot be done."""
+        follows = self.parameters.measurement.tracks == PROTRUSIONS
+        needs: dict[str, tuple[Further, ...]] = {
+            "protrusions": ("alike",),
+            "tracks": ("protrusions",) if follows else (),
+            "measurements": ("tracks",),
+        }
+        return needs.get(stage, ())
 
     @property
     def file(self) -> str:

@@ -22,6 +22,9 @@ PER_VERTEX = 3000.0
 PER_SAMPLE = 21.0
 PER_VOXEL = 20.0
 PER_SOURCE_BYTE = 4.0
+# The same of a worker that finds protrusions and measures tracks, fitted to boxes of 72³ to 192³
+# voxels and 64 to 512 rows (0.66 to 1.5 GB, of which it says up to a fifth too much).
+PER_VOXEL_FOUND = 60.0
 # Layers of a topography with steps of half a voxel, by the edge of the grid in voxels.
 LAYERS, LAYERS_PER_VOXEL, USUAL_STEP = 35.0, 0.25, 0.5
 # What a cell fills of the box around it, where only its number of voxels is known.
@@ -59,7 +62,12 @@ class Crew:
         )
 
 
-def estimate(looked: Looked, parameters: Parameters, cell_voxels: int | None = None) -> float:
+def estimate(
+    looked: Looked,
+    parameters: Parameters,
+    cell_voxels: int | None = None,
+    protrusions: bool = False,
+) -> float:
     """The peak memory in bytes of a worker that unwraps a cell.
 
     Parameters
@@ -68,6 +76,8 @@ def estimate(looked: Looked, parameters: Parameters, cell_voxels: int | None = N
     parameters : Parameters
     cell_voxels : int, optional
         Voxels of the cell in the source, where they are known: of a label.
+    protrusions : bool
+        Whether its protrusions are found, too.
     """
     chosen = parameters.stack
     size = np.asarray(looked.voxel_size)
@@ -85,13 +95,15 @@ def estimate(looked: Looked, parameters: Parameters, cell_voxels: int | None = N
     voxels *= float(np.prod(size)) / edge**3
     layers = (LAYERS + LAYERS_PER_VOXEL * float(np.cbrt(voxels))) * USUAL_STEP
     samples = 2 * parameters.uv.rows**2 * layers / parameters.topography.step_voxels
-    return (
+    unwrapped = (
         BASE_BYTES
         + PER_VERTEX * parameters.reference.vertices
         + PER_SAMPLE * samples
         + PER_VOXEL * voxels
         + PER_SOURCE_BYTE * looked.source_bytes
     )
+    found = BASE_BYTES + PER_SAMPLE * samples + PER_VOXEL_FOUND * voxels
+    return max(unwrapped, found) if protrusions else unwrapped
 
 
 def free_bytes() -> float:

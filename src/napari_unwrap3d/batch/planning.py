@@ -9,19 +9,19 @@ from pathlib import Path
 from typing import Any, Literal
 
 from ..charts import Mask, Stack, Surface
-from ..errors import InputError, Unwrap3DError
+from ..errors import InputError, ParameterError, Unwrap3DError
 from ..files.stacks import STACK_SUFFIXES
 from ..motion.timelapse import Source, Timelapse
 from ..parameters import Parameters
 from ..progress import Progress
 from .inputs import Looked, Reading, Recipe, expanded, keep_sources, kind_of, label_voxels
-from .jobs import Exports, Job, unique_names, with_label
+from .jobs import MADE, Exports, Job, unique_names, with_label
 from .memory import Crew, crew, estimate
 from .result import Row
 
 Input = str | Path | Source | Timelapse
 Labels = Literal["all"] | Sequence[int] | None
-SOURCES = "sources"
+SOURCES, MEASUREMENTS = "sources", "measurements"
 
 
 @dataclass(frozen=True)
@@ -53,9 +53,28 @@ class Plan:
     retries: int = 2
 
     @property
-    def items(self) -> int:
-        """Cells, and timepoints and common spaces of movies."""
-        return len(self.failed) + sum(1 + (job.timepoints or 0) for job in self.jobs)
+    def in_words(self) -> str:
+        """What will be done."""
+        movies = [job for job in self.jobs if job.timepoints is not None]
+        counts = ((len(self.jobs) - len(movies), "cell"), (len(movies), "movie"))
+        parts = [f"{count} {what}{'s' * (count != 1)}" for count, what in counts if count]
+        words = f"{' and '.join(parts) or 'Nothing'} to unwrap"
+        further = [stage for stage in movies[0].further if stage != "alike"] if movies else []
+        if not further:
+            return words
+        *first, last = further
+        listed = f"{', '.join(first)} and {last}" if first else last
+        return f"{words}, of movies also their {listed}"
+
+
+@dataclass(frozen=True)
+class _Wanted:
+    """What is made of every cell and movie, and where."""
+
+    output: Path
+    exports: Exports
+    track: bool
+    measure: bool
 
 
 @dataclass(frozen=True)
@@ -74,6 +93,8 @@ def plan_batch(
     timelapse: bool = False,
     movies: bool = True,
     labels: Labels = None,
+    track: bool = False,
+    measure: bool = False,
     exports: Exports | None = None,
     workers: int | None = None,
     threads: int | None = None,
@@ -97,6 +118,8 @@ def plan_batch(
     folder = Path(output).resolve()
     if folder.exists() and not folder.is_dir():
         raise InputError(f"{str(folder)!r} is a file, not a folder.", hint="Choose another output.")
+    wanted = _Wanted(folder, exports or Exports(), track or measure, measure)
+    _check_tracked(chosen, wanted)
     recipes = _recipes(list(inputs), folder, reading or Reading(), timelapse, chosen)
     jobs: list[Job] = []
     estimates: list[float] = []
@@ -108,13 +131,19 @@ def plan_batch(
             looked = Looked.at(recipe, chosen.stack.working_voxel_um)
             movie = looked.timepoints > 1 and (movies or recipe.sequence)
             planned = _Planned(recipe, looked, movie)
-            found = _jobs(planned, chosen, labels, folder, exports or Exports(), part)
+            found = _jobs(planned, chosen, labels, wanted, part)
         except (Unwrap3DError, OSError) as error:
             failed.append(Row(recipe.name, _file(recipe), stage="open", state="failed"))
             failed[-1].reason = str(error)
             continue
         jobs += [job for job, _ in found]
         estimates += [size for _, size in found]
+    if wanted.track and jobs and all(job.timepoints is None for job in jobs):
+        raise InputError(
+            "There is no movie that could be tracked.",
+            cells=len(jobs),
+            hint="A movie is a stack over time, or files with --timelapse.",
+        )
     hands = None
     if scheduler is None:
         pieces = sum(job.timepoints or 1 for job in jobs)
@@ -128,8 +157,7 @@ def _jobs(
     planned: _Planned,
     parameters: Parameters,
     labels: Labels,
-    output: Path,
-    exports: Exports,
+    wanted: _Wanted,
     progress: Progress,
 ) -> list[tuple[Job, float]]:
     """The jobs of one input, one for each label, and what they take."""
@@ -141,8 +169,8 @@ def _jobs(
         found = label_voxels(
             recipe, parameters.stack, planned.movie, progress, first_only=labels != "all"
         )
-        wanted = list(found) if labels == "all" else list(dict.fromkeys(labels))
-        voxels = {int(label): found.get(int(label)) for label in wanted}
+        which = list(found) if labels == "all" else list(dict.fromkeys(labels))
+        voxels = {int(label): found.get(int(label)) for label in which}
     jobs = []
     for label, count in voxels.items():
         own = with_label(parameters, label)
@@ -153,11 +181,24 @@ def _jobs(
             timepoints=looked.timepoints if planned.movie else None,
             recipe=recipe,
             parameters=own,
-            folder=str(output / name),
-            exports=exports,
+            folder=str(wanted.output / name),
+            exports=wanted.exports,
+            track=wanted.track,
+            measure=wanted.measure,
+            measured_folder=str(wanted.output / MEASUREMENTS / name),
         )
-        jobs.append((job, estimate(looked, own, count)))
+        jobs.append((job, estimate(looked, own, count, "protrusions" in job.further)))
     return jobs
+
+
+def _check_tracked(parameters: Parameters, wanted: _Wanted) -> None:
+    """Raise unless there is something to follow."""
+    name = parameters.measurement.tracks
+    if wanted.track and not wanted.measure and name not in MADE:
+        raise ParameterError(
+            f"Nothing is followed to make tracks named {name!r}.",
+            hint=f"Set measurement.tracks to {' or '.join(MADE)}, or measure them.",
+        )
 
 
 # Recipes -----------------------------------------------------------------------------
@@ -241,4 +282,4 @@ def _stem(path: Path) -> str:
 def _safe(name: str) -> str:
     """A name that every file system takes, and that is none of the batch's own."""
     safe = re.sub(r"[^\w.+ -]+", "_", name).strip(" .") or "cell"
-    return f"{safe}-cell" if safe.lower() in ("jobs", "log", SOURCES) else safe
+    return f"{safe}-cell" if safe.lower() in ("jobs", "log", SOURCES, MEASUREMENTS) else safe

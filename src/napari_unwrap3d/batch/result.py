@@ -19,7 +19,7 @@ ALL_DONE, SOME_FAILED = 0, 3
 
 @dataclass
 class Row:
-    """One item: a cell, a timepoint of a movie, or its common space.
+    """One item: a cell, a timepoint of a movie, or what is made of all of its timepoints.
 
     Attributes
     ----------
@@ -29,8 +29,9 @@ class Row:
     label, timepoint : int or None
         None where there is none.
     stage : str
-        The last that was tried: ``cell``; of movies ``register``, ``segment``, ``common``,
-        ``frame``; ``open`` of a file that cannot be read.
+        The last that was tried: ``cell``; of timepoints ``register``, ``segment``, ``frame``,
+        ``protrusions``; of movies ``common``, ``alike`` (what their protrusions have in common),
+        ``tracks``, ``measurements``; ``open`` of a file that cannot be read.
     state : str
         ``done``, ``skipped`` (it was there), ``failed``, or ``left`` (the batch was stopped).
     reason : str
@@ -40,6 +41,8 @@ class Row:
     peak_memory_gb : float
         Of the worker's process meanwhile.
     volume_um3, area_um2, outside_fraction : float or None
+    protrusions, tracks : int or None
+        How many were found.
     """
 
     name: str
@@ -54,12 +57,17 @@ class Row:
     volume_um3: float | None = None
     area_um2: float | None = None
     outside_fraction: float | None = None
+    protrusions: int | None = None
+    tracks: int | None = None
 
     def measure(self, numbers: dict[str, Any]) -> None:
         """Take the numbers that a row has."""
         for name in ("volume_um3", "area_um2", "outside_fraction"):
             if numbers.get(name) is not None:
                 setattr(self, name, float(numbers[name]))
+        for name in ("protrusions", "tracks"):
+            if numbers.get(name) is not None:
+                setattr(self, name, int(numbers[name]))
 
 
 @dataclass(frozen=True)
@@ -100,7 +108,7 @@ class BatchResult:
 
         names = [each.name for each in fields(Row)]
         table = pd.DataFrame([asdict(row) for row in self.rows], columns=names)
-        for name in ("label", "timepoint"):
+        for name in ("label", "timepoint", "protrusions", "tracks"):
             table[name] = table[name].astype("Int64")
         return table
 

@@ -38,6 +38,8 @@ def run_batch(
     timelapse: bool = False,
     movies: bool = True,
     labels: Labels = None,
+    track: bool = False,
+    measure: bool = False,
     exports: Exports | None = None,
     workers: int | None = None,
     threads: int | None = None,
@@ -66,8 +68,15 @@ def run_batch(
         False: of a stack over time only ``stack.timepoint`` is unwrapped.
     labels : "all" or sequence of int, optional
         The stacks are label images: one atlas, or one movie, for each label.
+    track : bool
+        Movies: also link what ``measurement.tracks`` names, protrusions or regions by flow, as
+        ``napari-unwrap3d track`` does. Protrusions of every timepoint are found before; without
+        tracks they are where ``protrusions.compute`` is set.
+    measure : bool
+        Movies: also track, and measure the tracks, as ``napari-unwrap3d measure`` does, into
+        ``measurements`` in the output.
     exports : Exports, optional
-        What is written of single cells.
+        What is written of single cells, and of measurements.
     workers, threads : int, optional
         Processes on this machine, and threads in each; by default what its cores and its memory
         allow.
@@ -103,6 +112,8 @@ def run_batch(
         timelapse=timelapse,
         movies=movies,
         labels=labels,
+        track=track,
+        measure=measure,
         exports=exports,
         workers=workers,
         threads=threads,
@@ -189,8 +200,9 @@ def _alone(output: Path) -> Iterator[None]:
 def _tidy(plan: Plan) -> None:
     """Remove what pieces of work that were killed have left half-written."""
     for job in plan.jobs:
-        for left in Path(job.folder).glob("**/.*.partial"):
-            shutil.rmtree(left, ignore_errors=True)
+        for folder in filter(None, (job.folder, job.measured_folder)):
+            for left in Path(folder).glob("**/.*.partial"):
+                shutil.rmtree(left, ignore_errors=True)
 
 
 def _about(plan: Plan, workers: str) -> dict[str, object]:

@@ -15,6 +15,7 @@ from .worker import CELL, Done
 
 # These need nothing of other timepoints: one piece of work.
 TOGETHER = ("register", "segment")
+FRAME, PROTRUSIONS = "frame", "protrusions"
 
 
 @dataclass
@@ -68,9 +69,13 @@ class Task:
         """How many pieces of work there are, as far as that is known."""
         return 1
 
+    def new_rows(self) -> list[Row]:
+        """A row for each item, of which nothing was done."""
+        return [self._row()]
+
     def begin(self) -> None:
         """Get ready; called before the first piece is taken."""
-        self.rows = [self._row()]
+        self.rows = self.new_rows()
         self.ready.append(Piece((CELL,), 0))
 
     def keys(self, piece: Piece) -> dict[int, str]:
@@ -86,44 +91,57 @@ class Task:
         if isinstance(outcome, Done):
             row.state = "done" if outcome.made[CELL] else "skipped"
 
-    def _row(self, timepoint: int | None = None) -> Row:
-        return Row(self.job.name, self.job.file, self.job.label, timepoint)
+    def _row(self, timepoint: int | None = None, stage: str = "") -> Row:
+        return Row(self.job.name, self.job.file, self.job.label, timepoint, stage)
 
 
 @dataclass
 class MovieTask(Task):
-    """A movie: stages in order, the timepoints of one stage at the same time."""
+    """A movie: stages in order, the timepoints of one stage at the same time.
+
+    After the frames there may be more stages, see :attr:`.Job.further`. What needs one that
+    failed is not tried; the frames stay.
+    """
 
     _known: dict[int, str] = field(default_factory=dict)
     _outstanding: int = 0
     _lost: set[int] = field(default_factory=set)
     _made: set[int] = field(default_factory=set)
+    _broken: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        assert self.job.timepoints is not None
+        self._groups = list(groups(self.job.timepoints, self.job.further))
+        several = [place for place, (_, which) in enumerate(self._groups) if len(which) > 1]
+        self._last = several[-1]
 
     @property
     def pieces(self) -> int:
         lost = len(self._lost)
         per_group = (
             1 if len(timepoints) == 1 else max(len(timepoints) - lost * (place > 0), 0)
-            for place, (_, timepoints) in enumerate(self._groups)
+            for place, (names, timepoints) in enumerate(self._groups)
+            if self._missing(names[-1]) is None
         )
         return max(sum(per_group), self.finished)
 
+    def new_rows(self) -> list[Row]:
+        serial = [names[-1] for names, timepoints in self._groups if len(timepoints) == 1]
+        timepoints = range(self.job.timepoints or 0)
+        return [*(self._row(None, name) for name in serial), *(self._row(t) for t in timepoints)]
+
     def begin(self) -> None:
-        assert self.job.timepoints is not None
         self._folder = MovieFolder(Path(self.job.folder))
         self.job.movie().begin()
-        self._groups = list(groups(self.job.timepoints))
-        self._timepoints = [self._row(t) for t in range(self.job.timepoints)]
-        self.rows = list(self._timepoints)
-        self._serial: dict[str, Row] = {}
-        for names, timepoints in self._groups:
-            if len(timepoints) == 1:
-                self._serial[names[-1]] = self._row()
-        self.rows = [*self._serial.values(), *self._timepoints]
+        self.rows = self.new_rows()
+        self._serial = {row.stage: row for row in self.rows if row.timepoint is None}
+        self._timepoints = self.rows[len(self._serial) :]
         self._place = -1
         self._next()
 
     def keys(self, piece: Piece) -> dict[int, str]:
+        if piece.stages[-1] in self.job.further:
+            return {}
         if piece.serial:
             return dict(self._known)
         return {t: self._known[t] for t in (0, piece.timepoint) if t in self._known}
@@ -136,6 +154,8 @@ class MovieTask(Task):
         _note(row, outcome)
         if isinstance(outcome, Done):
             self._done(piece, row, outcome)
+        elif piece.stages[-1] in self.job.further:
+            self._break(piece, outcome)
         elif piece.serial:
             self._lose_all(outcome)
         else:
@@ -152,8 +172,9 @@ class MovieTask(Task):
             self._known[piece.timepoint] = done.source_key
         if made:
             self._made.add(piece.timepoint)
-        if self._place == len(self._groups) - 1:
+        if self._place == self._last:
             row.state = "done" if piece.timepoint in self._made else "skipped"
+        if piece.stages[-1] == FRAME:
             self._folder.drop_failure(piece.timepoint)
 
     def _lose(self, timepoint: int, failure: Failure) -> None:
@@ -169,17 +190,41 @@ class MovieTask(Task):
                 row.stage, row.state, row.reason = failure.stage, "failed", reason
                 self._lose(timepoint, Failure(failure.stage, reason))
 
+    def _break(self, piece: Piece, failure: Failure) -> None:
+        """Go on without what needs a stage after the frames that failed."""
+        stage = piece.stages[-1]
+        where = "of the movie" if piece.serial else f"of timepoint {piece.timepoint}"
+        self._broken.setdefault(stage, f"The stage {stage!r} {where} failed: {failure.reason}")
+
+    def _missing(self, stage: str) -> str | None:
+        """Why a stage after the frames cannot be done; None where it can."""
+        reasons = (self._broken.get(needed) for needed in self.job.needed(stage))
+        return next(filter(None, reasons), None)
+
+    def _leave_out(self, stage: str, reason: str) -> None:
+        """Go on without a stage that cannot be done."""
+        self._broken[stage] = reason
+        rows = [self._serial[stage]] if stage in self._serial else self._timepoints
+        for row in rows:
+            if row.state == "left":
+                row.stage, row.state, row.reason = stage, "failed", reason
+        self._next()
+
     def _next(self) -> None:
         """Hand out the next stage."""
         self._place += 1
         if self._place == len(self._groups):
             return
         names, timepoints = self._groups[self._place]
+        missing = self._missing(names[-1])
+        if missing is not None:
+            self._leave_out(names[-1], missing)
+            return
         left = [t for t in range(len(self._timepoints)) if t not in self._lost]
         if not left:
             for row in self._serial.values():
                 if row.state == "left":
-                    row.stage, row.state = names[-1], "failed"
+                    row.state = "failed"
                     row.reason = "No timepoint is left: see why each of them failed."
             return
         if len(timepoints) == 1:
@@ -189,8 +234,17 @@ class MovieTask(Task):
         self._outstanding = len(self.ready)
 
 
-def groups(timepoints: int) -> Iterator[tuple[tuple[str, ...], Sequence[int]]]:
-    """The stages that are done together, and the timepoints of each group."""
+def groups(
+    timepoints: int, further: Sequence[str] = ()
+) -> Iterator[tuple[tuple[str, ...], Sequence[int]]]:
+    """The stages that are done together, and the timepoints of each group.
+
+    Parameters
+    ----------
+    timepoints : int
+    further : sequence of str
+        Stages after the frames, see :attr:`.Job.further`.
+    """
     waiting: list[str] = []
     for stage, which in stages(timepoints):
         if stage in TOGETHER:
@@ -203,6 +257,8 @@ def groups(timepoints: int) -> Iterator[tuple[tuple[str, ...], Sequence[int]]]:
         yield (stage,), which
     if waiting:
         yield tuple(waiting), together
+    for later in further:
+        yield (later,), range(timepoints if later == PROTRUSIONS else 1)
 
 
 def task_of(job: Job, output: Path) -> Task:

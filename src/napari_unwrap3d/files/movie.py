@@ -155,7 +155,8 @@ class MovieFolder:
 
     def numbers(self, stage: str, timepoint: int) -> dict[str, Any]:
         """What was measured in a stage of a timepoint; empty where nothing was."""
-        kind = {"segment": "masks", "frame": "frames"}.get(stage)
+        kinds = {"segment": "masks", "frame": "frames", "protrusions": "protrusions"}
+        kind = kinds.get(stage)
         return record_numbers(self._piece(kind, timepoint, ".zip")) if kind else {}
 
     def failure(self, timepoint: int) -> dict[str, Any] | None:
@@ -199,7 +200,11 @@ class MovieFolder:
         return protrusions
 
     def has_protrusions(self, timepoint: int, key: str) -> bool:
-        return record_key(self._piece("protrusions", timepoint, ".zip")) == key
+        return self.protrusions_key(timepoint) == key
+
+    def protrusions_key(self, timepoint: int) -> str | None:
+        """What the protrusions of a timepoint were made from; None without any."""
+        return record_key(self._piece("protrusions", timepoint, ".zip"))
 
     def keep_protrusions(self, found: FrameProtrusions, key: str) -> None:
         path = self._piece("protrusions", found.timepoint, ".zip")

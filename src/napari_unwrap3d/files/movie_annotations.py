@@ -134,6 +134,16 @@ def _read(path: Path, charts: Mapping[str, Any]) -> tuple[Drawn, ...]:
         return read_annotations(root[GROUP], charts, silent()).drawn
 
 
+def drawn_key(state: State) -> str:
+    """Of everything that was drawn: what is measured in it depends on it."""
+    timed = [
+        (part.name, timepoint, _key((drawn,)))
+        for part in state.timed
+        for timepoint, drawn in sorted(part.drawn.items())
+    ]
+    return content_hash(_key(state.drawn), timed)
+
+
 def _key(parts: tuple[Drawn, ...]) -> str:
     """Of what a file holds, so that it is not written again."""
     held = ((p.name, p.labels, p.image, [s.plain() for s in p.shapes]) for p in parts)

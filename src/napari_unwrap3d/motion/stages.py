@@ -236,7 +236,9 @@ class MovieWork:
         # A mask has its working voxels already.
         mesh = isinstance(self.lapse.at(0), Surface)
         stack = type(self.parameters.stack)(working_voxel_um=edge if mesh else None)
-        return self.parameters.model_copy(update={"stack": stack})
+        # Protrusions are those of a timepoint, not of the common space.
+        protrusions = self.parameters.protrusions.model_copy(update={"compute": False})
+        return self.parameters.model_copy(update={"stack": stack, "protrusions": protrusions})
 
     @property
     def space(self) -> CommonSpace:

@@ -73,6 +73,12 @@ def protrusions_of_all(
         yield protrusions_of(movie, timepoint, alike, part)
 
 
+def has_protrusions(movie: Movie, timepoint: int, parameters: Parameters) -> bool:
+    """Whether the protrusions of a timepoint are there; `parameters` as of `same_for_all`."""
+    key = protrusions_key(movie, timepoint, parameters)
+    return movie.folder.has_protrusions(timepoint, key)
+
+
 def _make_frame(movie: Movie, timepoint: int, progress: Progress) -> None:
     """What is there is not read."""
     if not (0 <= timepoint < len(movie) and movie.has_frame(timepoint)):
@@ -86,7 +92,8 @@ def protrusions_key(movie: Movie, timepoint: int, parameters: Parameters) -> str
 
 
 def _seen(parameters: Parameters) -> list[str]:
-    chosen = [getattr(parameters, name).model_dump_json() for name in SEEN]
+    # Whether single cells have a chart of them, too, changes nothing here.
+    chosen = [getattr(parameters, name).model_dump_json(exclude={"compute"}) for name in SEEN]
     return [*chosen, repr(parameters.tracking.followed_part)]
 
 
@@ -102,26 +109,49 @@ def same_for_all(
     shapes of low buds, which are flat, would tell another), the threshold the median one.
     """
     chosen = parameters.protrusions
-    open_threshold = chosen.method == "cortex" and chosen.threshold_um is None
-    if chosen.kind != AUTOMATIC and not open_threshold:
+    if not is_automatic(parameters):
         return parameters
     told = _told(movie, parameters, progress or silent())
     changes = {"kind": told["kind"]} if chosen.kind == AUTOMATIC else {}
-    if open_threshold and told["threshold_um"] is not None:
+    if _open_threshold(parameters) and told["threshold_um"] is not None:
         changes["threshold_um"] = told["threshold_um"]
     return parameters.model_copy(update={"protrusions": chosen.model_copy(update=changes)})
 
 
-def _told(movie: Movie, parameters: Parameters, progress: Progress) -> dict[str, Any]:
-    """``kind`` and ``threshold_um`` of the movie, kept in its folder."""
+def is_automatic(parameters: Parameters) -> bool:
+    """Whether some timepoints of a movie have to tell what is the same for all."""
+    return parameters.protrusions.kind == AUTOMATIC or _open_threshold(parameters)
+
+
+def is_told(movie: Movie, parameters: Parameters) -> bool:
+    """Whether they have told it, as the movie is now; all of its frames must be there."""
+    return movie.folder.alike(_alike_key(movie, _sample(movie), parameters)) is not None
+
+
+def _open_threshold(parameters: Parameters) -> bool:
+    chosen = parameters.protrusions
+    return chosen.method == "cortex" and chosen.threshold_um is None
+
+
+def _sample(movie: Movie) -> list[int]:
+    """The timepoints that tell."""
     there = [t for t in range(len(movie)) if not movie.is_lost(t)]
     places = np.linspace(0, len(there) - 1, min(SAMPLE, len(there))).round().astype(int)
-    sample = [there[place] for place in places]
+    return [there[place] for place in places]
+
+
+def _alike_key(movie: Movie, sample: list[int], parameters: Parameters) -> str:
+    frames = [movie.folder.frame_key(timepoint) for timepoint in sample]
+    return content_hash(VERSION, "alike", frames, _seen(parameters))
+
+
+def _told(movie: Movie, parameters: Parameters, progress: Progress) -> dict[str, Any]:
+    """``kind`` and ``threshold_um`` of the movie, kept in its folder."""
+    sample = _sample(movie)
     for number, timepoint in enumerate(sample):
         part = progress.part(0.5 * number / len(sample), 0.5 * (number + 1) / len(sample))
         _make_frame(movie, timepoint, part)
-    frames = [movie.folder.frame_key(timepoint) for timepoint in sample]
-    key = content_hash(VERSION, "alike", frames, _seen(parameters))
+    key = _alike_key(movie, sample, parameters)
     kept = movie.folder.alike(key)
     if kept is not None:
         return kept
@@ -167,7 +197,7 @@ def _found(
             **dict(zip(FOOT, feet.T, strict=True)),
             CERTAIN: _certain(columns, found.numbers),
         },
-        numbers=dict(found.numbers),
+        numbers={**found.numbers, "protrusions": len(columns["label"])},
     )
 
 

@@ -80,6 +80,12 @@ class BatchDialog(QDialog):
         self.timelapse = QCheckBox("The files are the timepoints of one movie")
         self.mask = QCheckBox("Stacks are masks (not 0 is cell)")
         self.every_label = QCheckBox("Label images: one cell for each label")
+        self.protrusions = QCheckBox("protrusions")
+        self.protrusions.setToolTip("Of cells, and of every timepoint of movies.")
+        self.protrusions.setChecked(self.parameters.protrusions.compute)
+        self.track, self.measure = QCheckBox("tracks of movies"), QCheckBox("their measurements")
+        self.track.setToolTip("Follow what measurement.tracks names: protrusions, or regions.")
+        self.measure.setToolTip("Measure the tracks; tables and a report in OUTPUT/measurements.")
         self.time_step, self.voxel_size = TimeStepBox(), VoxelSizeBox()
         self.time_step.setSpecialValueText("as the files say")
         self.output = QLineEdit()
@@ -123,6 +129,7 @@ class BatchDialog(QDialog):
         form.addRow("Time step", self.time_step)
         form.addRow("Voxel size (µm)", self.voxel_size)
         form.addRow("Output", _row(self.output, self.output_button))
+        form.addRow("Also", _row(self.protrusions, self.track, self.measure))
         form.addRow("Workers", self.workers)
         form.addRow("Memory of each", self.memory)
         form.addRow("Command", _row(self.command, self.copy_button))
@@ -149,7 +156,9 @@ class BatchDialog(QDialog):
         self.start_button.clicked.connect(self.start)
         self.cancel_button.clicked.connect(self.cancel)
         self.close_button.clicked.connect(self.close)
-        for box in (self.timelapse, self.mask, self.every_label):
+        marks = (self.timelapse, self.mask, self.every_label)
+        self.measure.toggled.connect(self._on_measure)
+        for box in (*marks, self.protrusions, self.track, self.measure):
             box.toggled.connect(self._on_changed)
         for number in (*self.voxel_size.boxes, self.time_step, self.workers, self.memory):
             number.valueChanged.connect(self._on_changed)
@@ -169,7 +178,7 @@ class BatchDialog(QDialog):
         return Request(
             inputs=[self.inputs.item(row).text() for row in range(self.inputs.count())],
             output=self.output.text().strip(),
-            parameters=self.parameters.to_toml(),
+            parameters=self._chosen_parameters().to_toml(),
             reading=Reading(
                 voxel_size=self.voxel_size.value,
                 time_step=self.time_step.value() or None,
@@ -177,10 +186,18 @@ class BatchDialog(QDialog):
             ),
             timelapse=self.timelapse.isChecked(),
             every_label=self.every_label.isChecked(),
+            track=self.track.isChecked(),
+            measure=self.measure.isChecked(),
             workers=self.workers.value() or None,
             memory_gb=self.memory.value() or None,
             plan_only=plan_only,
         )
+
+    def _chosen_parameters(self) -> Parameters:
+        """Those of the window, with protrusions as they are ticked here."""
+        wanted = {"compute": self.protrusions.isChecked()}
+        protrusions = self.parameters.protrusions.model_copy(update=wanted)
+        return self.parameters.model_copy(update={"protrusions": protrusions})
 
     def plan(self) -> None:
         """Say what it takes."""
@@ -230,6 +247,11 @@ class BatchDialog(QDialog):
         clipboard = QGuiApplication.clipboard()
         if clipboard is not None:
             clipboard.setText(self.command.text())
+
+    def _on_measure(self, wanted: bool) -> None:
+        """What is measured is tracked."""
+        self.track.setChecked(wanted or self.track.isChecked())
+        self.track.setEnabled(not wanted)
 
     def _on_changed(self, _: Any = None) -> None:
         request, running = self.request(), self.process is not None
