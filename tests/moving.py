@@ -19,8 +19,14 @@ DIRECTIONS = np.array([(0, 1, 0), (0, 0, 1), (0, -1, 0), (0, 0, -1), (1, 0, 0)],
 
 
 def quick(**groups: dict[str, object]) -> Parameters:
-    """Parameters for small cells; more groups on top."""
-    values = {"uv": {"rows": 64}, "registration": {"method": "none"}} | groups
+    """Parameters for small cells; more groups on top. A reference of few vertices is enough for
+    a ball with bumps, and takes a tenth of the time.
+    """
+    values = {
+        "uv": {"rows": 64},
+        "registration": {"method": "none"},
+        "reference": {"vertices": 4000},
+    } | groups
     return Parameters.from_dict(values)
 
 

@@ -31,7 +31,7 @@ from napari_unwrap3d.quality import quality_rows
 from synthetic import RADIUS, height, icosphere, make_atlas, solid
 
 VOXEL = (0.25, 0.25, 0.25)
-SMALL = ("--set", "uv.rows=32", "--set", "reference.fixed_iteration=2")
+SMALL = ("--set", "uv.rows=32", "--set", "reference.vertices=4000")
 
 
 def parsed(*words: str) -> argparse.Namespace:

@@ -144,6 +144,8 @@ within_deg = 40
 rows = 64
 [parameters.registration]
 method = "none"
+[parameters.reference]
+vertices = 4000
 [parameters.tracking]
 longest_step_um = 1.0
 

@@ -7,6 +7,7 @@ import numpy.typing as npt
 import pytest
 
 import napari_unwrap3d as unwrap3d
+from moving import CENTRE_UM, DIRECTIONS, RADIUS_UM
 from napari_unwrap3d.charts import FrameProtrusions
 from napari_unwrap3d.tracking.box_tracker import moved_by, track_boxes
 from napari_unwrap3d.tracking.boxes import Box, bounding_boxes
@@ -14,6 +15,14 @@ from napari_unwrap3d.unwrapping.uv import pixel_grid, uv_to_direction
 
 ROWS = 64
 TIMEPOINTS = 4
+
+
+@pytest.fixture(scope="module")
+def there(movie: unwrap3d.Movie) -> tuple[float, float]:
+    """Where the bump of the third timepoint stands in the image."""
+    direction = CENTRE_UM + 0.99 * RADIUS_UM * DIRECTIONS[2]
+    (v, u) = movie.common.map(direction[None], "volume", "uv")[0][0]
+    return float(v), float(u)
 
 
 def spot(place: tuple[float, float], radius_px: float = 8.0) -> npt.NDArray[np.bool_]:
@@ -73,8 +82,8 @@ def test_a_box_keeps_its_track_over_seam_and_poles(
         assert -0.5 <= tracks.columns["v_px"][row] <= ROWS - 0.5
 
 
-def test_positions_lie_on_the_surface(movie: unwrap3d.Movie) -> None:
-    found = [detected(t, {1: spot((32, 40))}) for t in range(TIMEPOINTS)]
+def test_positions_lie_on_the_surface(movie: unwrap3d.Movie, there: tuple[float, float]) -> None:
+    found = [detected(t, {1: spot(there)}) for t in range(TIMEPOINTS)]
     tracks = track_boxes(movie, found, parameters())
     for t in range(TIMEPOINTS):
         place = tracks.place_px[t : t + 1]
@@ -83,9 +92,11 @@ def test_positions_lie_on_the_surface(movie: unwrap3d.Movie) -> None:
         assert apart < 0.5, place
 
 
-def test_what_is_lost_for_a_while_is_bridged(movie: unwrap3d.Movie) -> None:
-    there = {1: spot((32, 40))}
-    found = [detected(t, there if t in (0, 3) else {}) for t in range(TIMEPOINTS)]
+def test_what_is_lost_for_a_while_is_bridged(
+    movie: unwrap3d.Movie, there: tuple[float, float]
+) -> None:
+    shown = {1: spot(there)}
+    found = [detected(t, shown if t in (0, 3) else {}) for t in range(TIMEPOINTS)]
     bridged = track_boxes(movie, found, parameters(tracking={"gap_s": 4.0}))
     np.testing.assert_array_equal(bridged.columns["label"], [1, 0, 0, 1])
     assert np.isnan(bridged.columns["area_um2"][1])
@@ -96,16 +107,20 @@ def test_what_is_lost_for_a_while_is_bridged(movie: unwrap3d.Movie) -> None:
     np.testing.assert_array_equal(apart.track_id, [1, 2])
 
 
-def test_timepoints_that_were_lost_are_gaps(movie: unwrap3d.Movie) -> None:
-    found = [detected(t, {1: spot((32, 40))}) for t in (0, 1, 3)]
+def test_timepoints_that_were_lost_are_gaps(
+    movie: unwrap3d.Movie, there: tuple[float, float]
+) -> None:
+    found = [detected(t, {1: spot(there)}) for t in (0, 1, 3)]
     tracks = track_boxes(movie, found, parameters(tracking={"gap_s": 4.0}))
     np.testing.assert_array_equal(tracks.timepoint, [0, 1, 2, 3])
     np.testing.assert_array_equal(tracks.columns["label"], [1, 1, 0, 1])
     assert np.isfinite(tracks.position_um).all()
 
 
-def test_short_and_flat_tracks_are_left_out(movie: unwrap3d.Movie) -> None:
-    found = [detected(t, {1: spot((32, 40))} if t < 2 else {}) for t in range(TIMEPOINTS)]
+def test_short_and_flat_tracks_are_left_out(
+    movie: unwrap3d.Movie, there: tuple[float, float]
+) -> None:
+    found = [detected(t, {1: spot(there)} if t < 2 else {}) for t in range(TIMEPOINTS)]
     assert len(track_boxes(movie, found, parameters())) == 2
     long = parameters(tracking={"least_lifetime_s": 4.1})
     assert len(track_boxes(movie, found, long)) == 0
@@ -115,9 +130,11 @@ def test_short_and_flat_tracks_are_left_out(movie: unwrap3d.Movie) -> None:
         assert len(track_boxes(movie, found, chosen)) == rows
 
 
-def test_a_box_that_jumps_in_size_is_interpolated(movie: unwrap3d.Movie) -> None:
+def test_a_box_that_jumps_in_size_is_interpolated(
+    movie: unwrap3d.Movie, there: tuple[float, float]
+) -> None:
     sizes = [5.0, 5.0, 9.0, 5.0]
-    found = [detected(t, {1: spot((32, 40), size)}) for t, size in enumerate(sizes)]
+    found = [detected(t, {1: spot(there, size)}) for t, size in enumerate(sizes)]
     chosen = parameters(boxes={"largest_jump_um2": 4.5})
     tracks = track_boxes(movie, found, chosen)
     assert tracks.numbers["repaired_boxes"] == 1

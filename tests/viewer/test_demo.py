@@ -18,7 +18,7 @@ from napari_unwrap3d.viewer.files import samples
 from napari_unwrap3d.viewer.views.canvas import canvas_of
 from napari_unwrap3d.viewer.views.placing import chart_of
 
-SMALL = Parameters.from_dict({"uv": {"rows": 64}})
+SMALL = Parameters.from_dict({"uv": {"rows": 64}, "reference": {"vertices": 4000}})
 
 
 def test_there_is_a_sample_for_every_kind() -> None:
