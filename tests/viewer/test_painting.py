@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import mouse
 import numpy as np
-import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 
@@ -12,7 +11,7 @@ from viewer.hand import LEFT, NONE, Hand, covered
 from viewer.opened import SECONDS
 
 
-def test_what_is_drawn_in_uv_is_on_the_meshes(hand: Hand) -> None:
+def test_what_is_drawn_in_uv_is_on_the_meshes_and_each_stroke_is_one_step(hand: Hand) -> None:
     hand.choose("brush")
     hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
     drawn = hand.uv.data == 1
@@ -27,11 +26,7 @@ def test_what_is_drawn_in_uv_is_on_the_meshes(hand: Hand) -> None:
     assert ((hand.labels() == 1) == inside).all()
     assert (covered(hand, "surface") == (hand.annotations.image("drawn", "direct") == 1)).all()
     assert (covered(hand, "reference") == drawn).all()
-
-
-def test_one_stroke_is_one_step_in_every_view(hand: Hand) -> None:
-    hand.choose("brush")
-    hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
+    # A second stroke, on the surface, is taken back in the main canvas.
     first = hand.labels()
     hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
     assert (hand.labels() != first).any()
@@ -54,27 +49,16 @@ def test_one_stroke_is_one_step_in_every_view(hand: Hand) -> None:
     assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
 
 
-def test_painting_on_the_surface_keeps_the_camera_and_turns_it_beside(hand: Hand) -> None:
-    hand.choose("brush")
-    camera = hand.viewer.scene.camera
-    before = camera.angles, camera.center, camera.zoom
-    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
-    assert (camera.angles, camera.center, camera.zoom) == before
-    assert camera.mouse_pan
-    marked = hand.labels()
-    assert marked.any()
-    hand.drag(hand.main, [(0.02 + 0.02 * k, 0.03) for k in range(5)])
-    assert camera.angles != before[0]
-    assert (hand.labels() == marked).all()
-    hand.choose("look")
-    angles = camera.angles
-    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
-    assert camera.angles != angles
-    assert (hand.labels() == marked).all()
+def test_a_stroke_over_the_seam_or_a_pole_is_in_all_its_parts(hand: Hand) -> None:
+    for where in ("seam", "pole"):
+        a_stroke_is_in_all_its_parts(hand, where)
+        for _ in range(2):
+            hand.widget.undo_button.click()
+        hand.settle()
+        assert not hand.labels().any()
 
 
-@pytest.mark.parametrize("where", ["seam", "pole"])
-def test_a_stroke_over_the_seam_or_a_pole_is_in_all_its_parts(hand: Hand, where: str) -> None:
+def a_stroke_is_in_all_its_parts(hand: Hand, where: str) -> None:
     rows, columns = hand.atlas.uv.shape
     v, u = (rows / 2, -0.5) if where == "seam" else (0.0, columns / 4)
     points, _ = hand.atlas.map(np.array([[v, u], [v, u + 1.0]]), "uv", "surface")
@@ -102,8 +86,8 @@ def test_a_stroke_over_the_seam_or_a_pole_is_in_all_its_parts(hand: Hand, where:
     assert set(owners) <= set(np.flatnonzero(marked))
 
 
-def test_a_fast_stroke_has_no_gaps(hand: Hand) -> None:
-    """Two events far apart mark what a slow stroke marks between them."""
+def test_brush_lasso_and_eraser_on_the_surface_and_what_turns_the_camera(hand: Hand) -> None:
+    # Two events far apart mark what a slow stroke marks between them.
     hand.choose("brush")
     hand.drag(hand.main, [(0.42, 0.5), (0.58, 0.5)])
     fast = hand.labels() == 1
@@ -111,9 +95,9 @@ def test_a_fast_stroke_has_no_gaps(hand: Hand) -> None:
     hand.drag(hand.main, [(x, 0.5) for x in np.linspace(0.42, 0.58, 12)])
     slow = hand.labels() == 1
     assert (fast & slow).sum() / (fast | slow).sum() > 0.9
-
-
-def test_lasso_eraser_and_shift(hand: Hand) -> None:
+    hand.widget.undo_button.click()
+    assert not hand.labels().any()
+    # A lasso marks what is seen, the eraser takes some of it away, and shift all of it.
     turn = np.linspace(0, 2 * np.pi, 16)
     ring = [(0.5 + 0.06 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn]
     hand.choose("lasso", label=2)
@@ -131,9 +115,26 @@ def test_lasso_eraser_and_shift(hand: Hand) -> None:
     hand.choose("lasso", label=2)
     hand.drag(hand.main, ring, keys=Qt.KeyboardModifier.ShiftModifier)
     assert not hand.labels().any()
+    # A stroke keeps the camera; a drag that begins beside the cell, or without a tool, turns it.
+    hand.choose("brush")
+    camera = hand.viewer.scene.camera
+    before = camera.angles, camera.center, camera.zoom
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert (camera.angles, camera.center, camera.zoom) == before
+    assert camera.mouse_pan
+    marked = hand.labels()
+    assert marked.any()
+    hand.drag(hand.main, [(0.02 + 0.02 * k, 0.03) for k in range(5)])
+    assert camera.angles != before[0]
+    assert (hand.labels() == marked).all()
+    hand.choose("look")
+    angles = camera.angles
+    hand.drag(hand.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
+    assert camera.angles != angles
+    assert (hand.labels() == marked).all()
 
 
-def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
+def test_the_brush_shows_its_circle_and_the_mesh_is_as_before_at_the_end(hand: Hand) -> None:
     circle, model = hand.annotating.painter.circle, hand.viewer
     middle, beside = (
         QPoint(hand.main.width() * x // 100, hand.main.height() // 2) for x in (50, 2)
@@ -164,34 +165,7 @@ def test_the_brush_shows_its_circle_on_the_mesh(hand: Hand) -> None:
     assert np.linalg.norm(marked - centre, axis=1).min() < 0.5
     hand.choose("look")
     assert not len(circle.segments)
-
-
-def test_a_lasso_on_the_reference_marks_columns(hand: Hand) -> None:
-    hand.viewer.layers["surface"].visible = False
-    hand.viewer.layers["reference"].visible = True
-    hand.choose("lasso", label=2)
-    reference = hand.viewer.layers["reference"]
-    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
-    turn = np.linspace(0, 2 * np.pi, 12)
-    hand.drag(hand.main, [(0.5 + 0.05 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn])
-    assert (hand.uv.data == 2).sum() > 10
-    assert (hand.labels() == 2).any()
-    assert (covered(hand, "reference", 2) == (hand.uv.data == 2)).all()
-
-
-def test_painting_on_the_reference_marks_the_column(hand: Hand) -> None:
-    hand.viewer.layers["surface"].visible = False
-    hand.viewer.layers["reference"].visible = True
-    hand.choose("brush")
-    reference = hand.viewer.layers["reference"]
-    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
-    hand.drag(hand.main, [(0.48 + 0.01 * k, 0.5) for k in range(5)])
-    assert hand.labels().any()
-    assert (hand.uv.data == 1).any()
-    assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
-
-
-def test_closing_leaves_the_meshes_as_they_were(hand: Hand) -> None:
+    # Without the annotation the meshes are as they were, and undoing brings it back.
     layer, mesh = hand.viewer.layers["surface"], hand.atlas.surface
     assert len(layer.data[0]) > len(mesh.vertices)
     hand.widget.list.delete_button.click()
@@ -203,7 +177,28 @@ def test_closing_leaves_the_meshes_as_they_were(hand: Hand) -> None:
     hand.qtbot.waitUntil(hand._ready, timeout=SECONDS)
 
 
-def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
+def test_lasso_and_brush_on_the_reference_mark_columns(hand: Hand) -> None:
+    hand.viewer.layers["surface"].visible = False
+    hand.viewer.layers["reference"].visible = True
+    hand.choose("lasso", label=2)
+    reference = hand.viewer.layers["reference"]
+    hand.qtbot.waitUntil(lambda: hand.annotating.painter.ready(reference), timeout=SECONDS)
+    turn = np.linspace(0, 2 * np.pi, 12)
+    hand.drag(hand.main, [(0.5 + 0.05 * np.cos(t), 0.5 + 0.1 * np.sin(t)) for t in turn])
+    assert (hand.uv.data == 2).sum() > 10
+    assert (hand.labels() == 2).any()
+    assert (covered(hand, "reference", 2) == (hand.uv.data == 2)).all()
+    hand.widget.undo_button.click()
+    hand.settle()
+    assert not hand.labels().any()
+    hand.choose("brush")
+    hand.drag(hand.main, [(0.48 + 0.01 * k, 0.5) for k in range(5)])
+    assert hand.labels().any()
+    assert (hand.uv.data == 1).any()
+    assert (covered(hand, "reference") == (hand.uv.data == 1)).all()
+
+
+def test_points_are_set_by_clicks_and_the_topography_marks_where_the_surface_is(hand: Hand) -> None:
     hand.choose("point")
     middle = QPoint(hand.main.width() // 2, hand.main.height() // 2)
     QTest.mouseClick(hand.main, LEFT, NONE, middle)
@@ -236,12 +231,8 @@ def test_a_click_sets_a_point_that_every_view_shows(hand: Hand) -> None:
     hand.show("uv")
     assert [len(shown.layer(chart).data) for chart in ("surface", "uv", "topography")] == [0, 0, 0]
 
-
-def test_drawing_in_the_topography_marks_where_the_surface_is(hand: Hand) -> None:
-    hand.canvas.show_chart("topography")
-    layers = hand.annotating.layers
-    hand.qtbot.waitUntil(lambda: layers.layer("drawn", "topography") is not None, timeout=SECONDS)
-    layer = layers.layer("drawn", "topography")
+    # What is drawn in the topography is where the surface is, in all depths.
+    layer = hand.show("topography")
     hand.choose("brush", label=3)
     hand.widget.all_depths.setChecked(True)
     hand.drag(hand.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
