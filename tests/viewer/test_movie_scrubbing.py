@@ -9,7 +9,7 @@ from qtpy.QtTest import QTest
 from viewer.playing import TIMEPOINTS, Projector
 
 
-def test_the_first_frame_stands_in_the_place_of_the_mean_surface(projector: Projector) -> None:
+def test_every_timepoint_has_its_mesh_and_its_field_in_both_canvases(projector: Projector) -> None:
     frame = projector.movie.frame(0)
     assert projector.cell.visible
     assert not projector.viewer.layers["surface"].visible
@@ -17,9 +17,6 @@ def test_the_first_frame_stands_in_the_place_of_the_mean_surface(projector: Proj
     assert np.allclose(projector.cell.vertices[:count], frame.surface.vertices, atol=1e-4)
     image = projector.canvas.image("uv")
     assert np.array_equal(image.data, frame.uv[projector.canvas.colouring.field], equal_nan=True)
-
-
-def test_every_timepoint_has_its_mesh_and_its_field_in_both_canvases(projector: Projector) -> None:
     field = projector.canvas.colouring.field
     for timepoint in (*range(1, TIMEPOINTS), 0):
         projector.go_to(timepoint)
@@ -33,9 +30,46 @@ def test_every_timepoint_has_its_mesh_and_its_field_in_both_canvases(projector: 
         assert np.allclose(values[:count], known, rtol=1e-5)
         image = projector.canvas.image("uv")
         assert np.array_equal(image.data, frame.uv[field], equal_nan=True)
+    # What is hidden follows when it is shown.
+    projector.cell.visible = False
+    projector.go_to(2)
+    projector.cell.visible = True
+    frame = projector.movie.frame(2)
+    assert np.allclose(
+        projector.cell.vertices[: len(frame.surface.vertices)], frame.surface.vertices, atol=1e-4
+    )
+    # Without a movie the window shows the common space.
+    projector.go_to(2)
+    projector.session.set_movie(None)
+    assert "cell at t" not in projector.viewer.layers
+    assert projector.views.layers is None
+    assert projector.session.frame is None
+    QTest.keyClick(projector.main, Qt.Key.Key_Period)
 
 
-def test_a_field_is_drawn_with_the_same_limits_at_every_timepoint(projector: Projector) -> None:
+def test_charts_of_the_common_space_follow_and_fields_keep_their_limits(
+    projector: Projector,
+) -> None:
+    field = projector.canvas.colouring.field
+    sphere = projector.viewer.layers["sphere"]
+    before = np.array(sphere.vertex_values)
+    projector.go_to(3)
+    projector.settle()
+    after = np.asarray(sphere.vertex_values)
+    assert (before != after).any()
+    atlas, frame = projector.movie.common, projector.movie.frame(3)
+    expected = np.nan_to_num(atlas.carry(frame.uv[field], "uv", "sphere"))
+    assert np.allclose(after[: len(expected)], expected, atol=1e-5)
+    # The topographic surface is that of the timepoint.
+    flat = projector.viewer.layers["topographic surface"]
+    flat.visible = True
+    for timepoint in (2, 4):
+        projector.go_to(timepoint)
+        topography = projector.movie.frame(timepoint).topography
+        origin = flat.metadata["napari_unwrap3d"]["vertices"]
+        assert np.allclose(flat.vertices[:, 0], topography[origin, 0], atol=1e-4)
+        assert len(flat.vertex_values) == len(flat.vertices)
+    # A field is drawn with the same limits at every timepoint.
     colouring = projector.canvas.colouring
     names = colouring.fields.names
     assert {"height_um", "area_um2", "signal_membrane", "signal_ramp"} <= set(names)
@@ -65,49 +99,6 @@ def test_a_field_is_drawn_with_the_same_limits_at_every_timepoint(projector: Pro
         assert np.array_equal(seen[0][0], seen[1][0], equal_nan=True) == static
 
 
-def test_charts_of_the_common_space_follow_when_the_scrub_rests(projector: Projector) -> None:
-    field = projector.canvas.colouring.field
-    sphere = projector.viewer.layers["sphere"]
-    before = np.array(sphere.vertex_values)
-    projector.go_to(3)
-    projector.settle()
-    after = np.asarray(sphere.vertex_values)
-    assert (before != after).any()
-    atlas, frame = projector.movie.common, projector.movie.frame(3)
-    expected = np.nan_to_num(atlas.carry(frame.uv[field], "uv", "sphere"))
-    assert np.allclose(after[: len(expected)], expected, atol=1e-5)
-
-
-def test_the_topographic_surface_is_that_of_the_timepoint(projector: Projector) -> None:
-    flat = projector.viewer.layers["topographic surface"]
-    flat.visible = True
-    for timepoint in (2, 4):
-        projector.go_to(timepoint)
-        topography = projector.movie.frame(timepoint).topography
-        origin = flat.metadata["napari_unwrap3d"]["vertices"]
-        assert np.allclose(flat.vertices[:, 0], topography[origin, 0], atol=1e-4)
-        assert len(flat.vertex_values) == len(flat.vertices)
-
-
-def test_what_is_hidden_follows_when_it_is_shown(projector: Projector) -> None:
-    projector.cell.visible = False
-    projector.go_to(2)
-    projector.cell.visible = True
-    frame = projector.movie.frame(2)
-    assert np.allclose(
-        projector.cell.vertices[: len(frame.surface.vertices)], frame.surface.vertices, atol=1e-4
-    )
-
-
-def test_without_a_movie_the_window_shows_the_common_space(projector: Projector) -> None:
-    projector.go_to(2)
-    projector.session.set_movie(None)
-    assert "cell at t" not in projector.viewer.layers
-    assert projector.views.layers is None
-    assert projector.session.frame is None
-    QTest.keyClick(projector.main, Qt.Key.Key_Period)
-
-
 def test_the_linked_cursor_is_on_the_surface_of_the_timepoint(projector: Projector) -> None:
     projector.go_to(3)
     projector.settle()
@@ -130,15 +121,13 @@ def test_the_linked_cursor_is_on_the_surface_of_the_timepoint(projector: Project
     marks = cursor._in_3d(projector.viewer, place)
     assert any(np.allclose(mark, place.on_frame) for mark in marks)
     assert f"{place.on_frame[0]:.2f}" in projector.canvas.status.text().replace("−", "-")
-
-
-def test_the_pointer_over_the_surface_is_marked_in_uv(projector: Projector) -> None:
+    # What the pointer is over on the surface is marked in uv.
     projector.go_to(1)
     projector.settle()
     camera = projector.viewer.scene.camera
     camera.center = tuple(projector.cell.extent.world.mean(axis=0))
     camera.zoom = 40.0
-    main, cursor = projector.main, projector.canvas.cursor
+    main = projector.main
     middle = QPoint(main.width() // 2, main.height() // 2)
     offsets = iter(range(10_000))
 
@@ -147,8 +136,7 @@ def test_the_pointer_over_the_surface_is_marked_in_uv(projector: Projector) -> N
         return cursor.place is not None and cursor.place.on_frame is not None
 
     projector.wait(marked)
-    shown = projector.movie.frame(1)
     # What lies there in uv is what the pointer is over.
     v, u = np.floor(cursor.place.uv + 0.5).astype(int)
-    height = shown.uv["height_um"][v, u % 128]
+    height = projector.movie.frame(1).uv["height_um"][v, u % 128]
     assert abs(height - cursor.place.topography[0]) < 3 * projector.movie.common.voxel_um

@@ -27,7 +27,9 @@ def shows(projector: Projector, timepoint: int) -> None:
     projector.wait(lambda: projector.layers.shown.frame.timepoint == timepoint)
 
 
-def test_buttons_and_keys_go_through_the_movie(projector: Projector, timeline: Timeline) -> None:
+def test_buttons_keys_and_both_sliders_go_through_the_movie(
+    projector: Projector, timeline: Timeline
+) -> None:
     for name, expected in (("next", 1), ("last", TIMEPOINTS - 1), ("previous", 3), ("first", 0)):
         QTest.mouseClick(timeline.buttons[name], LEFT)
         shows(projector, expected)
@@ -42,11 +44,7 @@ def test_buttons_and_keys_go_through_the_movie(projector: Projector, timeline: T
     # There is nothing before the first.
     QTest.keyClick(projector.main, Qt.Key.Key_Comma)
     assert projector.session.wanted == 0
-
-
-def test_the_slider_shows_the_last_timepoint_it_was_moved_to(
-    projector: Projector, timeline: Timeline
-) -> None:
+    # The slider shows the last timepoint that it was moved to.
     seen: list[int] = []
     projector.session.frame_changed.connect(lambda frame: seen.append(frame.timepoint))
     for value in (1, 2, 4):
@@ -57,9 +55,22 @@ def test_the_slider_shows_the_last_timepoint_it_was_moved_to(
     assert timeline.slider.value() == 4
     QTest.keyClick(timeline.slider, Qt.Key.Key_Left)
     shows(projector, 3)
+    # napari's own slider over t is kept in step.
+    viewer = projector.viewer
+    stack = np.zeros((TIMEPOINTS, 4, 5, 6), np.uint8)
+    layer = viewer.add_image(stack, axis_labels=("t", "z", "y", "x"), units=("s", *["µm"] * 3))
+    assert viewer.dims.current_step[0] == projector.session.timepoint
+    projector.go_to(4)
+    assert viewer.dims.current_step[0] == 4
+    viewer.dims.set_current_step(0, 1)
+    shows(projector, 1)
+    viewer.layers.remove(layer)
+    projector.go_to(2)
 
 
-def test_it_plays_to_the_end_or_for_ever(projector: Projector, timeline: Timeline) -> None:
+def test_it_plays_to_the_end_or_for_ever_and_passes_over_what_is_not_made(
+    projector: Projector, timeline: Timeline
+) -> None:
     session = projector.session
     seen: list[int] = []
     session.frame_changed.connect(lambda frame: seen.append(frame.timepoint))
@@ -78,25 +89,8 @@ def test_it_plays_to_the_end_or_for_ever(projector: Projector, timeline: Timelin
     projector.wait(lambda: seen.count(2) == 2)
     QTest.keyClick(projector.main, Qt.Key.Key_K)
     assert not session.playing
-
-
-def test_napari_s_own_slider_is_kept_in_step(projector: Projector) -> None:
-    viewer = projector.viewer
-    stack = np.zeros((TIMEPOINTS, 4, 5, 6), np.uint8)
-    layer = viewer.add_image(stack, axis_labels=("t", "z", "y", "x"), units=("s", *["µm"] * 3))
-    assert viewer.dims.current_step[0] == projector.session.timepoint
-    projector.go_to(3)
-    assert viewer.dims.current_step[0] == 3
-    viewer.dims.set_current_step(0, 1)
-    shows(projector, 1)
-    viewer.layers.remove(layer)
-    projector.go_to(2)
-
-
-def test_frames_that_are_not_made_are_marked_and_passed_over(
-    projector: Projector, timeline: Timeline
-) -> None:
-    session, folder = projector.session, projector.movie.folder.path
+    # Frames that are not made are marked, and passed over.
+    folder = projector.movie.folder.path
     projector.wait(lambda: len(session.made) == TIMEPOINTS)
     path = folder / "frames" / "00002.zip"
     kept = path.read_bytes()
@@ -110,10 +104,9 @@ def test_frames_that_are_not_made_are_marked_and_passed_over(
     projector.wait(lambda: "not made yet" in timeline.label.text())
     assert session.timepoint == 0
     session.fps, session.loop = 30, False
-    seen: list[int] = []
-    session.frame_changed.connect(lambda frame: seen.append(frame.timepoint))
     session.set_timepoint(1)
     shows(projector, 1)
+    seen[:] = [1]
     session.play()
     projector.wait(lambda: not session.playing)
     shows(projector, 4)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -59,10 +60,24 @@ def save(viewer: Any, path: Path) -> Path:
     return saving(session, viewer, path)()
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Where the project is kept that the first test with it makes."""
+    return tmp_path_factory.mktemp("project") / "cell.unwrap3d"
+
+
 @pytest.fixture
-def project(make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas, tmp_path: Path) -> Path:
-    """A cell as somebody left it: drawn on, and looked at in his own way."""
-    viewer = make_napari_viewer()
+def project(
+    make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas, kept: Path, tmp_path: Path
+) -> Path:
+    """A copy of a cell as somebody left it: drawn on, and looked at in his own way."""
+    if not kept.exists():
+        leave(make_napari_viewer(), qtbot, small_atlas, kept)
+    return Path(shutil.copy(kept, tmp_path))
+
+
+def leave(viewer: Any, qtbot: Any, small_atlas: Atlas, path: Path) -> None:
+    """Draw on the small cell, look at it in an own way, and save it."""
     stack = ramp_stack(small_atlas)
     viewer.add_layer(napari.layers.Layer.create(*source_layer(stack, "two ramps")))
     atlas = small_atlas.replaced()
@@ -77,10 +92,10 @@ def project(make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas, tmp_path: P
     canvas.depth_bar.slider.setValue(1)
     viewer.layers["surface"].opacity = 0.5
     viewer.scene.camera.angles = (10.0, 20.0, 30.0)
-    return save(viewer, tmp_path / "cell.unwrap3d")
+    save(viewer, path)
 
 
-def test_a_project_comes_back_as_it_was_left(
+def test_a_project_comes_back_as_it_was_left_and_goes_on(
     make_napari_viewer: Any, qtbot: Any, project: Path, small_atlas: Atlas
 ) -> None:
     viewer = make_napari_viewer()
@@ -104,15 +119,7 @@ def test_a_project_comes_back_as_it_was_left(
     assert viewer.layers["surface"].visible
     np.testing.assert_allclose(viewer.scene.camera.angles, (10.0, 20.0, 30.0), atol=1e-6)
     assert viewer.window._qt_window.findChildren(Wizard)
-
-
-def test_an_opened_project_goes_on_where_it_was(
-    make_napari_viewer: Any, qtbot: Any, project: Path
-) -> None:
-    viewer = make_napari_viewer()
-    open_project(viewer, project)
-    session = session_of(viewer)
-    wait(session, qtbot)
+    # It goes on where it was.
     session.update_automatically = False
     session.set_values("sphere", {"blend": 0.5})
     states = {name: step.state for name, step in session.steps.items() if name in STEP_NAMES}
@@ -120,13 +127,23 @@ def test_an_opened_project_goes_on_where_it_was(
     assert stale == ["sphere", "uv", "topography"]
 
 
-def test_the_reader_opens_a_project_in_the_window(
+def test_the_reader_opens_a_project_in_which_drawing_is_saved_by_itself(
     make_napari_viewer: Any, qtbot: Any, project: Path
 ) -> None:
     viewer = make_napari_viewer()
     assert read_projects(str(project)) == [(None,)]
-    wait(session_of(viewer), qtbot)
+    atlas = wait(session_of(viewer), qtbot)
     assert viewer.layers["surface"].visible
+    # What is drawn is saved by itself in the project.
+    keeper = autosave_of(viewer)
+    keeper._timer.setInterval(1)
+    atlas.annotations.add("out of focus")
+    atlas.annotations.draw_vertices("out of focus", [0, 1, 2], 1)
+    assert keeper.dirty
+    qtbot.waitUntil(lambda: not keeper.dirty and keeper._task is None, timeout=SECONDS)
+    again = unwrap3d.load(project)
+    assert again.annotations.labels("out of focus").nonzero()[0].tolist() == [0, 1, 2]
+    assert load_source(project) is not None, "the rest of the project stays"
 
 
 def test_a_damaged_project_is_said_and_leaves_the_window_as_it_is(
@@ -159,23 +176,6 @@ def test_a_nonsensical_view_is_no_obstacle(
     wait(session_of(viewer), qtbot)
     assert viewer.dims.ndisplay == 3
     assert np.isfinite(viewer.scene.camera.center).all()
-
-
-def test_drawing_is_saved_by_itself_in_the_project(
-    make_napari_viewer: Any, qtbot: Any, project: Path
-) -> None:
-    viewer = make_napari_viewer()
-    open_project(viewer, project)
-    atlas = wait(session_of(viewer), qtbot)
-    keeper = autosave_of(viewer)
-    keeper._timer.setInterval(1)
-    atlas.annotations.add("out of focus")
-    atlas.annotations.draw_vertices("out of focus", [0, 1, 2], 1)
-    assert keeper.dirty
-    qtbot.waitUntil(lambda: not keeper.dirty and keeper._task is None, timeout=SECONDS)
-    again = unwrap3d.load(project)
-    assert again.annotations.labels("out of focus").nonzero()[0].tolist() == [0, 1, 2]
-    assert load_source(project) is not None, "the rest of the project stays"
 
 
 def test_what_was_never_saved_is_offered_at_the_next_start(
