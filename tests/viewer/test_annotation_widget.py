@@ -56,8 +56,28 @@ def test_without_a_cell_it_says_so(make_napari_viewer: Any) -> None:
     widget.deleteLater()
 
 
-def test_the_list(opened: Any, qtbot: Any, errors: list[str]) -> None:
-    _, canvas, widget, annotations = opened
+def test_the_tools_and_the_list(opened: Any, qtbot: Any, errors: list[str]) -> None:
+    _, canvas, widget, _ = opened
+    layer = widget.annotating.layers.layer("out of focus", "uv")
+    modes = {"look": "pan_zoom", "brush": "paint", "erase": "erase", "fill": "fill"}
+    assert set(modes) < set(TOOL_TEXTS)
+    for tool, mode in modes.items():
+        widget.tools[tool].click()
+        assert layer.mode == mode
+        assert canvas.model.layers.selection.active is layer
+    widget.label_box.setValue(7)
+    assert layer.selected_label == 7
+    layer.selected_label = 3
+    assert widget.label_box.value() == 3
+    sizes = []
+    for radius in (0.5, 1.0):
+        widget.radius_box.setValue(radius)
+        sizes.append(layer.brush_size)
+    assert 1 < sizes[0] < sizes[1]
+    widget.overhang_box.setCurrentIndex(1)
+    assert widget.annotating.annotations.overhang == "outermost"
+    # The list.
+    annotations = opened[-1]
     listed, annotating = widget.list, widget.annotating
     assert annotations.names == ("out of focus",)
     assert listed.name_box.currentText() == "cell bottom"
@@ -93,58 +113,7 @@ def test_the_list(opened: Any, qtbot: Any, errors: list[str]) -> None:
     assert widget.message.text() == NO_ANNOTATION
 
 
-def test_tools_label_and_radius_are_those_of_the_image_too(opened: Any) -> None:
-    _, canvas, widget, _ = opened
-    layer = widget.annotating.layers.layer("out of focus", "uv")
-    modes = {"look": "pan_zoom", "brush": "paint", "erase": "erase", "fill": "fill"}
-    assert set(modes) < set(TOOL_TEXTS)
-    for tool, mode in modes.items():
-        widget.tools[tool].click()
-        assert layer.mode == mode
-        assert canvas.model.layers.selection.active is layer
-    widget.label_box.setValue(7)
-    assert layer.selected_label == 7
-    layer.selected_label = 3
-    assert widget.label_box.value() == 3
-    sizes = []
-    for radius in (0.5, 1.0):
-        widget.radius_box.setValue(radius)
-        sizes.append(layer.brush_size)
-    assert 1 < sizes[0] < sizes[1]
-    widget.overhang_box.setCurrentIndex(1)
-    assert widget.annotating.annotations.overhang == "outermost"
-
-
-def test_shapes_stay_shapes(opened: Any, qtbot: Any) -> None:
-    _, canvas, widget, annotations = opened
-    name = "out of focus"
-    widget.label_box.setValue(2)
-    widget.regions.shapes_button.click()
-    layer = widget.annotating.shapes.layer(name, "uv")
-    native = canvas.qt_viewer.canvas.native
-    layer.mode = "add_rectangle"
-    layer.add_rectangles(np.array([[20.0, 30.0], [20, 50], [40, 50], [40, 30]]))
-    assert len(annotations.shapes(name, "uv")) == 1
-    image = annotations.image(name, "uv")
-    assert (image[22:38, 32:48] == 2).all()
-    layer.selected_data = {0}
-    layer.remove_selected()
-    assert annotations.shapes(name, "uv") == ()
-    assert not annotations.labels(name).any()
-    widget.undo_button.click()
-    assert len(layer.data) == 1
-    assert (annotations.image(name, "uv") == image).all()
-    # With the mouse: three corners, and the first one again.
-    layer.mode = "add_polygon"
-    for x, y in ((0.6, 0.3), (0.7, 0.3), (0.7, 0.6)):
-        place = QPoint(round(x * native.width()), round(y * native.height()))
-        QTest.mouseClick(native, LEFT, NONE, place)
-    QTest.keyClick(native, Qt.Key.Key_Escape)
-    qtbot.waitUntil(lambda: len(annotations.shapes(name, "uv")) == 2)
-    assert annotations.shapes(name, "uv")[1].kind == "polygon"
-
-
-def test_a_half_space_follows_its_form(opened: Any) -> None:
+def test_a_half_space_and_a_box_follow_their_form(opened: Any) -> None:
     _, _, widget, annotations = opened
     regions, z = widget.regions, widget.annotating.atlas.surface.vertices[:, 0]
     regions.add_button.click()
@@ -160,11 +129,8 @@ def test_a_half_space_follows_its_form(opened: Any) -> None:
     later = RegionsBox(widget.annotating)
     assert z.min() < later.position.value() < z.max()
     later.deleteLater()
-
-
-def test_a_box_is_previewed_added_and_follows_its_form(opened: Any) -> None:
-    viewer, _, widget, annotations = opened
-    regions, name = widget.regions, "out of focus"
+    # A box is previewed, added, and follows its form.
+    viewer = opened[0]
     vertices = widget.annotating.atlas.surface.vertices
     translate = viewer.layers["surface"].translate
 
@@ -252,35 +218,9 @@ def test_a_label_is_measured_fitted_and_exported(
     assert (tmp_path / "out" / "labels.csv").exists()
 
 
-def test_colours_and_what_is_hidden_come_back(opened: Any) -> None:
-    viewer, _, widget, annotations = opened
-    annotating = widget.annotating
-    for name in ("first", "second"):
-        annotations.add(name)
-    annotations.remove("out of focus")
-    annotating.set_visible("second", False)
-    before = {name: annotating.style(name) for name in annotations.names}
-    assert not before["second"][1]
-    view = json.loads(json.dumps(view_of(viewer)))
-    annotating.set_visible("second", True)
-    annotating.restore({"hidden": [], "first_colours": {"first": 0, "second": 5}})
-    assert annotating.style("second")[0] != before["second"][0]
-    show_view(viewer, view)
-    assert {name: annotating.style(name) for name in annotations.names} == before
-    for nonsense in ({"hidden": 3, "first_colours": {}}, {"hidden": [], "first_colours": [1]}):
-        show_view(viewer, {"annotations": nonsense})
-        assert {name: annotating.style(name) for name in annotations.names} == before
-
-
-def test_a_hint_is_no_work(opened: Any) -> None:
-    _, canvas, widget, _ = opened
-    canvas.show_chart("topography")
-    widget.regions.shapes_button.click()
-    assert "uv, direct and plane" in widget.message.text()
-    assert widget.busy.isHidden()
-
-
-def test_a_textured_mesh_is_written_whole(opened: Any, qtbot: Any, tmp_path: Path) -> None:
+def test_a_textured_mesh_is_written_whole_and_shapes_stay_shapes(
+    opened: Any, qtbot: Any, tmp_path: Path
+) -> None:
     from napari_unwrap3d.files.meshes import read_mesh
 
     viewer, _, widget, _ = opened
@@ -293,6 +233,38 @@ def test_a_textured_mesh_is_written_whole(opened: Any, qtbot: Any, tmp_path: Pat
     mesh = read_mesh(tmp_path / "mesh.ply")
     assert mesh.faces.shape == widget.annotating.atlas.surface.faces.shape
     assert mesh.vertices.shape == widget.annotating.atlas.surface.vertices.shape
+    # Shapes stay shapes.
+    _, canvas, widget, annotations = opened
+    name = "out of focus"
+    widget.label_box.setValue(2)
+    widget.regions.shapes_button.click()
+    layer = widget.annotating.shapes.layer(name, "uv")
+    native = canvas.qt_viewer.canvas.native
+    layer.mode = "add_rectangle"
+    layer.add_rectangles(np.array([[20.0, 30.0], [20, 50], [40, 50], [40, 30]]))
+    assert len(annotations.shapes(name, "uv")) == 1
+    image = annotations.image(name, "uv")
+    assert (image[22:38, 32:48] == 2).all()
+    layer.selected_data = {0}
+    layer.remove_selected()
+    assert annotations.shapes(name, "uv") == ()
+    assert not annotations.labels(name).any()
+    widget.undo_button.click()
+    assert len(layer.data) == 1
+    assert (annotations.image(name, "uv") == image).all()
+    # With the mouse: three corners, and the first one again.
+    layer.mode = "add_polygon"
+    for x, y in ((0.6, 0.3), (0.7, 0.3), (0.7, 0.6)):
+        place = QPoint(round(x * native.width()), round(y * native.height()))
+        QTest.mouseClick(native, LEFT, NONE, place)
+    QTest.keyClick(native, Qt.Key.Key_Escape)
+    qtbot.waitUntil(lambda: len(annotations.shapes(name, "uv")) == 2)
+    assert annotations.shapes(name, "uv")[1].kind == "polygon"
+    # A hint is no work.
+    canvas.show_chart("topography")
+    widget.regions.shapes_button.click()
+    assert "uv, direct and plane" in widget.message.text()
+    assert widget.busy.isHidden()
 
 
 def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: Any) -> None:
@@ -316,7 +288,7 @@ def test_slices_of_the_stack_are_drawn_on_where_the_mask_is(opened: Any, qtbot: 
     assert not layer.visible
 
 
-def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -> None:
+def test_another_run_keeps_what_was_drawn_and_colours_come_back(opened: Any, qtbot: Any) -> None:
     viewer, canvas, widget, annotations = opened
     annotations.draw_vertices("out of focus", np.arange(300), 3)
     annotations.axis = (-1.0, 0.0, 0.0)
@@ -339,3 +311,20 @@ def test_another_run_of_the_cell_keeps_what_was_drawn(opened: Any, qtbot: Any) -
     layers = widget.annotating.layers
     qtbot.waitUntil(lambda: layers.layer("out of focus", "uv") is not None, timeout=SECONDS)
     assert layers.layer("out of focus", "uv").annotations is again.annotations
+    # Colours, and what is hidden, come back.
+    annotating, annotations = widget.annotating, again.annotations
+    for name in ("first", "second"):
+        annotations.add(name)
+    annotations.remove("out of focus")
+    annotating.set_visible("second", False)
+    before = {name: annotating.style(name) for name in annotations.names}
+    assert not before["second"][1]
+    view = json.loads(json.dumps(view_of(viewer)))
+    annotating.set_visible("second", True)
+    annotating.restore({"hidden": [], "first_colours": {"first": 0, "second": 5}})
+    assert annotating.style("second")[0] != before["second"][0]
+    show_view(viewer, view)
+    assert {name: annotating.style(name) for name in annotations.names} == before
+    for nonsense in ({"hidden": 3, "first_colours": {}}, {"hidden": [], "first_colours": [1]}):
+        show_view(viewer, {"annotations": nonsense})
+        assert {name: annotating.style(name) for name in annotations.names} == before

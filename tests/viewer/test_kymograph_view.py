@@ -103,8 +103,8 @@ def test_a_line_is_drawn_edited_and_followed_in_time(
     assert len(table) == dock.found.values.size
 
 
-def test_a_new_line_takes_the_place_of_the_old_one(
-    window: MovieWindow, dock: KymographDock, qtbot: Any
+def test_a_new_line_takes_the_place_of_the_old_one_and_all_go_with_the_dock(
+    window: MovieWindow, dock: KymographDock, qtbot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     first = drawn(window, dock, qtbot)
     layer = window.canvas.model.layers[NAME]
@@ -121,11 +121,7 @@ def test_a_new_line_takes_the_place_of_the_old_one(
     assert not dock.plot.isVisible()
     assert not len(window.viewer.layers[NAME].data)
     assert not dock.export_button.isEnabled()
-
-
-def test_over_the_seam_and_on_great_circles(
-    window: MovieWindow, dock: KymographDock, qtbot: Any
-) -> None:
+    # Over the seam, and on a great circle, which is the shorter way.
     dock.lines.set_corners(np.array([[30.0, 5.0], [30.0, 120.0]]))
     rest(dock, qtbot)
     long = dock.found
@@ -133,6 +129,15 @@ def test_over_the_seam_and_on_great_circles(
     qtbot.waitUntil(lambda: dock.found is not long and not dock.busy, timeout=SECONDS)
     assert dock.found.line.length_um < 0.3 * long.line.length_um
     assert len(window.canvas.model.layers[WAY].data) == 2, "on both sides of the seam"
+    # The layers go with the dock.
+    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: ("", ""))
+    dock.export_button.click()
+    assert NAME in window.viewer.layers
+    window.viewer.window.remove_dock_widget(dock)
+    qtbot.waitUntil(lambda: NAME not in window.viewer.layers, timeout=SECONDS)
+    assert NAME not in window.canvas.model.layers
+    assert WAY not in window.canvas.model.layers
+    window.go_to(3)
 
 
 def test_without_a_movie_one_is_told(
@@ -142,20 +147,6 @@ def test_without_a_movie_one_is_told(
     dock.draw_button.click()
     assert "no movie" in errors[0]
     qtbot.waitUntil(lambda: "no movie" in dock.status.text(), timeout=SECONDS)
-
-
-def test_the_layers_go_with_the_dock(
-    window: MovieWindow, dock: KymographDock, qtbot: Any, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(QFileDialog, "getSaveFileName", lambda *_: ("", ""))
-    drawn(window, dock, qtbot)
-    dock.export_button.click()
-    assert NAME in window.viewer.layers
-    window.viewer.window.remove_dock_widget(dock)
-    qtbot.waitUntil(lambda: NAME not in window.viewer.layers, timeout=SECONDS)
-    assert NAME not in window.canvas.model.layers
-    assert WAY not in window.canvas.model.layers
-    window.go_to(3)
 
 
 def test_the_polar_view_follows_time_field_and_colours(window: MovieWindow, qtbot: Any) -> None:

@@ -78,7 +78,9 @@ def drawer(projector: Projector) -> Drawer:
     return Drawer(projector)
 
 
-def test_what_is_drawn_in_uv_is_on_the_surface_of_every_timepoint(drawer: Drawer) -> None:
+def test_what_is_drawn_in_uv_is_on_the_surface_of_every_timepoint_and_the_other_way(
+    drawer: Drawer,
+) -> None:
     drawer.use("brush")
     drawer.drag(drawer.projector.second, [(0.4 + 0.02 * k, 0.5) for k in range(6)])
     drawn = drawer.image
@@ -89,9 +91,10 @@ def test_what_is_drawn_in_uv_is_on_the_surface_of_every_timepoint(drawer: Drawer
         layer = drawer.projector.cell
         assert layer.texture is drawer.projector.layers.texture.pixels
         assert len(layer.texcoords) == len(layer.vertices) == len(layer.vertex_colors)
-
-
-def test_the_brush_on_the_surface_draws_in_uv(drawer: Drawer) -> None:
+    QTest.keyClick(drawer.projector.second, Qt.Key.Key_Z, Qt.KeyboardModifier.ControlModifier)
+    drawer.settle()
+    assert not drawer.image.any()
+    # The brush on the surface draws in uv.
     projector = drawer.projector
     projector.go_to(1)
     projector.settle()
@@ -144,7 +147,9 @@ def test_this_timepoint_only(drawer: Drawer) -> None:
     assert (drawer.annotations.times.image(NAME, 0) == first).all()
 
 
-def test_it_is_saved_with_the_movie(drawer: Drawer, tmp_path: Any) -> None:
+def test_it_is_saved_with_the_movie_and_at_the_end_of_the_window(
+    drawer: Drawer, tmp_path: Any
+) -> None:
     projector = drawer.projector
     drawer.annotations.times.set_one_by_one(NAME, True)
     drawer.annotations.draw(NAME, "uv", (np.array([5, 6]), np.array([7, 7])), 1)
@@ -161,15 +166,12 @@ def test_it_is_saved_with_the_movie(drawer: Drawer, tmp_path: Any) -> None:
         for timepoint, image in images.items():
             assert (there.times.image(NAME, timepoint) == image).all()
         assert there.image("static", "uv")[3, 3] == 1
-
-
-def test_the_end_of_the_window_saves_it(drawer: Drawer) -> None:
-    projector = drawer.projector
-    drawer.annotations.times.set_one_by_one(NAME, True)
+    # The end of the window saves what is new, too.
+    projector.go_to(2)
     drawer.annotations.draw(NAME, "uv", (np.array([5, 6]), np.array([7, 7])), 1)
     projector.session.set_movie(None)
     there = Movie.open(projector.movie.folder.path).common.annotations
-    assert there.times.drawn(NAME) == (0,)
+    assert there.times.drawn(NAME) == (0, 2, 3)
 
 
 def _under(frame: Any, drawn: np.ndarray) -> np.ndarray:

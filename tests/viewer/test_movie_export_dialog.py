@@ -42,7 +42,7 @@ def wait(dock: MovieExportDock, qtbot: Any) -> None:
     qtbot.waitUntil(lambda: dock.recording is None and dock._task is None, timeout=2 * SECONDS)
 
 
-def test_what_is_shown_is_recorded(
+def test_what_is_shown_is_recorded_and_pictures_are_drawn(
     window: MovieWindow,
     dock: MovieExportDock,
     qtbot: Any,
@@ -68,11 +68,7 @@ def test_what_is_shown_is_recorded(
     assert np.abs(corner[1] - corner[0]).max() > 60
     assert "movie.mp4" in dock.status.text()
     assert dock.export_button.isEnabled()
-
-
-def test_drawn_pictures_as_png(
-    dock: MovieExportDock, qtbot: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+    # Drawn pictures, as PNG.
     choose(dock, "drawn: uv", PNG)
     assert not dock.stamp_box.isEnabled()
     press(dock, tmp_path / "frames", monkeypatch)
@@ -80,11 +76,11 @@ def test_drawn_pictures_as_png(
     assert len(list((tmp_path / "frames").iterdir())) == TIMEPOINTS
 
 
-def test_a_cancelled_export_leaves_nothing(
-    window: MovieWindow,
+def test_a_cancelled_export_leaves_nothing_and_what_goes_wrong_is_told(
     dock: MovieExportDock,
     qtbot: Any,
     tmp_path: Path,
+    errors: list[str],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     choose(dock, MAIN)
@@ -100,25 +96,17 @@ def test_a_cancelled_export_leaves_nothing(
     dock.cancel_button.click()
     wait(dock, qtbot)
     assert not list(tmp_path.iterdir())
-
-
-def test_what_goes_wrong_is_told(
-    dock: MovieExportDock,
-    qtbot: Any,
-    tmp_path: Path,
-    errors: list[str],
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+    # What goes wrong is told.
     (tmp_path / "thesis.txt").write_text("years of work")
     choose(dock, MAIN, PNG)
     press(dock, tmp_path, monkeypatch)
     wait(dock, qtbot)
-    assert "thesis.txt" in errors[0]
+    assert "thesis.txt" in errors[-1]
     # Without a line there is no kymograph.
     choose(dock, "drawn: kymograph")
     press(dock, tmp_path / "movie.mp4", monkeypatch)
     wait(dock, qtbot)
-    assert "line" in errors[1]
+    assert "line" in errors[-1]
     assert [entry.name for entry in tmp_path.iterdir()] == ["thesis.txt"]
 
 

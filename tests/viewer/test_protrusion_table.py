@@ -64,7 +64,7 @@ def hues(cell: Protruding) -> dict[int, Any]:
     return {label: colours[label][:3] for label in cell.instances.labels}
 
 
-def test_every_view_shows_the_instances(cell: Protruding) -> None:
+def test_every_view_and_the_panel_of_the_step_show_the_instances(cell: Protruding) -> None:
     assert (cell.labels == cell.found.labels).all()
     assert cell.dock.rows.rowCount() == BLEBS
     assert len(set(hues(cell).values())) == BLEBS
@@ -74,12 +74,22 @@ def test_every_view_shows_the_instances(cell: Protruding) -> None:
         assert set(np.unique(image)) == {0, *cell.instances.labels}
     assert not cell.atlas.annotations.can_undo, "the run itself is nothing to undo"
     assert not cell.autosave.dirty, "nor anything to save"
+    # The panel of the step has the heights.
+    dock = ProtrusionsDock(cell.viewer)
+    cell.viewer.window.add_dock_widget(dock)
+    plot = dock.panel.plot
+    cell.qtbot.waitUntil(lambda: plot.histogram is not None, timeout=SECONDS)
+    assert not plot.isHidden()
+    assert plot.threshold_um == cell.found.numbers["threshold_um"]
+    assert f"{BLEBS} found" in dock.panel.status.text()
+    # What a person edits is counted, too.
     cell.instances.select([1, 2])
     cell.press("merge")
+    assert f"{BLEBS - 1} found" in dock.panel.status.text()
     assert cell.autosave.dirty
 
 
-def test_a_row_is_selected_in_the_views(cell: Protruding) -> None:
+def test_a_row_is_selected_in_the_views_and_a_click_there_selects_the_row(cell: Protruding) -> None:
     before = cell.texture.pixels.copy()
     own = hues(cell)
     cell.click_row(2)
@@ -100,9 +110,7 @@ def test_a_row_is_selected_in_the_views(cell: Protruding) -> None:
     cell.rest()
     assert cell.instances.selection == ()
     assert (cell.texture.pixels == before).all()
-
-
-def test_a_click_in_any_view_selects_the_row(cell: Protruding) -> None:
+    # And a click in any view selects the row.
     chosen = cell.found.labels == 3
     look_at(cell.viewer, cell.atlas.surface.vertices, chosen)
     cell.viewer.scene.camera.zoom = 30.0
@@ -129,9 +137,7 @@ def test_a_click_in_any_view_selects_the_row(cell: Protruding) -> None:
     cell.click_row(1)
     cell.click_image(np.argwhere(cell.atlas.annotations.image(NAME, "uv") == 0)[40])
     assert cell.instances.selection == ()
-
-
-def test_a_drag_and_a_tool_select_nothing(cell: Protruding) -> None:
+    # A drag and a tool select nothing.
     camera = cell.viewer.scene.camera
     angles = camera.angles
     cell.drag(cell.main, [(0.45 + 0.02 * k, 0.5) for k in range(5)])
@@ -142,21 +148,16 @@ def test_a_drag_and_a_tool_select_nothing(cell: Protruding) -> None:
     assert cell.instances.selection == ()
 
 
-def test_the_panel_of_the_step_has_the_heights(cell: Protruding) -> None:
-    dock = ProtrusionsDock(cell.viewer)
-    cell.viewer.window.add_dock_widget(dock)
-    plot = dock.panel.plot
-    cell.qtbot.waitUntil(lambda: plot.histogram is not None, timeout=SECONDS)
-    assert not plot.isHidden()
-    assert plot.threshold_um == cell.found.numbers["threshold_um"]
-    assert f"{BLEBS} found" in dock.panel.status.text()
-    # What a person edits is counted, too.
-    cell.instances.select([1, 2])
-    cell.press("merge")
-    assert f"{BLEBS - 1} found" in dock.panel.status.text()
-
-
-def test_merge_undo_and_delete(cell: Protruding) -> None:
+def test_merge_undo_delete_and_split(cell: Protruding) -> None:
+    # Escape ends a split.
+    cell.instances.select([3])
+    cell.press("split")
+    assert cell.instances.pointing
+    QTest.keyClick(cell.second, Qt.Key.Key_Escape)
+    assert not cell.instances.pointing
+    assert cell.instances.selection == (3,)
+    assert cell.dock.message.isHidden()
+    # Two are merged, deleted, and all of it undone.
     bar = cell.dock.edit_bar
     assert "Select two" in bar.buttons["merge"].toolTip()
     assert not bar.buttons["merge"].isEnabled()
@@ -188,9 +189,8 @@ def test_merge_undo_and_delete(cell: Protruding) -> None:
     assert not bar.buttons["undo"].isEnabled()
     cell.press("redo")
     assert cell.instances.labels == (2, 3, 4)
-
-
-def test_split_at_the_saddle_or_by_two_clicks(cell: Protruding) -> None:
+    cell.press("undo")
+    # Merged and split again at the saddle between them.
     cell.instances.select([1, 2])
     cell.press("merge")
     cell.press("split")
@@ -214,38 +214,7 @@ def test_split_at_the_saddle_or_by_two_clicks(cell: Protruding) -> None:
     assert len(cell.instances.selection) == 2
 
 
-def test_escape_ends_a_split(cell: Protruding) -> None:
-    cell.instances.select([3])
-    cell.press("split")
-    assert cell.instances.pointing
-    QTest.keyClick(cell.second, Qt.Key.Key_Escape)
-    assert not cell.instances.pointing
-    assert cell.instances.selection == (3,)
-    assert cell.dock.message.isHidden()
-
-
-def test_repaint_takes_the_brush_of_the_label(cell: Protruding) -> None:
-    cell.click_row(2)
-    before = cell.found.columns["area_um2"].copy()
-    cell.press("repaint")
-    assert (cell.annotating.tool, cell.annotating.current, cell.annotating.label) == (
-        "brush",
-        NAME,
-        2,
-    )
-    column = cell.pixel_of(2)[1]
-    size = cell.layer("uv").brush_size
-    image = cell.atlas.annotations.image(NAME, "uv")
-    around = np.argwhere(image == 2)
-    cell.click_image((around[:, 0].max() + size / 2, column))
-    after = cell.found.columns["area_um2"]
-    assert after[1] > before[1]
-    assert (after[[0, 2, 3]] == before[[0, 2, 3]]).all()
-    cell.press("repaint")
-    assert cell.annotating.tool == "look"
-
-
-def test_the_filter_hides_in_table_and_views(cell: Protruding) -> None:
+def test_the_filter_hides_in_table_and_views_and_a_row_is_repainted(cell: Protruding) -> None:
     heights = cell.found.columns["height_max_um"]
     bar = cell.dock.filter_bar
     row = bar.column.findData("height_max_um")
@@ -266,9 +235,29 @@ def test_the_filter_hides_in_table_and_views(cell: Protruding) -> None:
     cell.instances.set_filter(Filter(motif=motif))
     alike = cell.found.columns["motif"] == cell.found.columns["motif"][0]
     assert cell.dock.rows.rowCount() == alike.sum()
+    cell.instances.set_filter(Filter())
+    # Repainting takes the brush of the label.
+    cell.click_row(2)
+    before = cell.found.columns["area_um2"].copy()
+    cell.press("repaint")
+    assert (cell.annotating.tool, cell.annotating.current, cell.annotating.label) == (
+        "brush",
+        NAME,
+        2,
+    )
+    column = cell.pixel_of(2)[1]
+    size = cell.layer("uv").brush_size
+    image = cell.atlas.annotations.image(NAME, "uv")
+    around = np.argwhere(image == 2)
+    cell.click_image((around[:, 0].max() + size / 2, column))
+    after = cell.found.columns["area_um2"]
+    assert after[1] > before[1]
+    assert (after[[0, 2, 3]] == before[[0, 2, 3]]).all()
+    cell.press("repaint")
+    assert cell.annotating.tool == "look"
 
 
-def test_a_measure_colours_every_view(cell: Protruding) -> None:
+def test_a_measure_colours_every_view_and_the_selected_one_is_a_square(cell: Protruding) -> None:
     box = cell.dock.colour_box
     row = box.findData("volume_um3")
     box.setCurrentIndex(row)
@@ -301,9 +290,10 @@ def test_a_measure_colours_every_view(cell: Protruding) -> None:
     cell.rest()
     assert cell.instances.measure == ""
     assert box.currentData() == ""
-
-
-def test_the_selected_one_is_unwrapped_to_a_square(cell: Protruding) -> None:
+    cell.press("undo")
+    # The selected one is unwrapped to a square.
+    cell.instances.select([])
+    cell.rest()
     assert cell.dock.square.picture.isHidden()
     cell.click_row(1)
     square = cell.dock.square
@@ -324,7 +314,19 @@ def test_the_selected_one_is_unwrapped_to_a_square(cell: Protruding) -> None:
     assert "border" in square.text.text() or "disk" in square.text.text()
 
 
-def test_the_table_is_sorted_and_copied_as_it_is_shown(cell: Protruding) -> None:
+def test_the_table_is_grey_sorted_copied_and_opened_again(cell: Protruding) -> None:
+    session = session_of(cell.viewer)
+    session.update_automatically = False
+    cell.click_row(1)
+    session.set_values("protrusions", {"threshold_um": 0.9})
+    assert "other parameters" in cell.dock.message.text()
+    assert not cell.dock.table.isEnabled()
+    assert not cell.dock.edit_bar.buttons["delete"].isEnabled()
+    assert "other parameters" in cell.dock.edit_bar.buttons["delete"].toolTip()
+    session.set_values("protrusions", {"threshold_um": None})
+    assert cell.dock.table.isEnabled()
+    assert cell.dock.message.isHidden()
+    # It is sorted and copied as it is shown.
     dock = cell.dock
     dock.show_columns(["volume_um3", "neck_um"])
     shown = [not dock.table.isColumnHidden(k) for k in range(dock.model.columnCount())]
@@ -338,9 +340,7 @@ def test_the_table_is_sorted_and_copied_as_it_is_shown(cell: Protruding) -> None
     assert volumes == sorted(cell.found.columns["volume_um3"])
     tip = dock.model.headerData(place, Qt.Orientation.Horizontal, Qt.ItemDataRole.ToolTipRole)
     assert "voxels" in tip
-
-
-def test_columns_and_selection_survive_the_dock(cell: Protruding) -> None:
+    # Columns and selection survive the dock.
     cell.dock.show_columns(["solidity"])
     cell.click_row(2)
     cell.viewer.window.remove_dock_widget(cell.dock)
@@ -350,20 +350,6 @@ def test_columns_and_selection_survive_the_dock(cell: Protruding) -> None:
     assert again.table.isColumnHidden(again.model.columns.index("area_um2"))
     rows = again.table.selectionModel().selectedRows()
     assert [again.model.ids[again.rows.mapToSource(r).row()] for r in rows] == [2]
-
-
-def test_the_table_of_other_parameters_is_grey(cell: Protruding) -> None:
-    session = session_of(cell.viewer)
-    session.update_automatically = False
-    cell.click_row(1)
-    session.set_values("protrusions", {"threshold_um": 0.9})
-    assert "other parameters" in cell.dock.message.text()
-    assert not cell.dock.table.isEnabled()
-    assert not cell.dock.edit_bar.buttons["delete"].isEnabled()
-    assert "other parameters" in cell.dock.edit_bar.buttons["delete"].toolTip()
-    session.set_values("protrusions", {"threshold_um": None})
-    assert cell.dock.table.isEnabled()
-    assert cell.dock.message.isHidden()
 
 
 def test_what_was_edited_is_kept_beside_a_new_run(cell: Protruding) -> None:
@@ -381,27 +367,9 @@ def test_what_was_edited_is_kept_beside_a_new_run(cell: Protruding) -> None:
     assert (cell.labels == again.labels).all()
 
 
-def test_segment_again_asks_before_edits_are_lost(
-    cell: Protruding, monkeypatch: pytest.MonkeyPatch
+def test_everything_is_exported_as_edited_and_segment_again_asks_before(
+    cell: Protruding, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bar, asked = cell.dock.edit_bar, []
-    runs: list[str] = []
-    monkeypatch.setattr(session_of(cell.viewer), "run", lambda until: runs.append(until))
-    monkeypatch.setattr(session_of(cell.viewer), "blocked", lambda: "")
-    monkeypatch.setattr(bar, "asked", lambda: bool(asked.append(1)))
-    bar.update_buttons()
-    cell.instances.select([1, 2])
-    cell.press("merge")
-    cell.press("again")
-    assert asked
-    assert not runs
-    monkeypatch.setattr(bar, "asked", lambda: True)
-    cell.press("again")
-    assert runs == ["protrusions"]
-    assert "protrusions" not in session_of(cell.viewer).pipeline.kept
-
-
-def test_everything_is_exported_as_edited(cell: Protruding, tmp_path: Path) -> None:
     cell.instances.select([1, 2])
     cell.press("merge")
     cell.dock.export(tmp_path / "out")
@@ -411,6 +379,20 @@ def test_everything_is_exported_as_edited(cell: Protruding, tmp_path: Path) -> N
     meshes = {path.name for path in (tmp_path / "out" / "meshes").rglob("*.ply")}
     assert meshes == {"cortex.ply", *(f"protrusion_{n}.ply" for n in (1, 3, 4))}
     assert "Wrote" in cell.dock.count.text()
+    # To segment again asks before the edits are lost.
+    bar, asked = cell.dock.edit_bar, []
+    runs: list[str] = []
+    monkeypatch.setattr(session_of(cell.viewer), "run", lambda until: runs.append(until))
+    monkeypatch.setattr(session_of(cell.viewer), "blocked", lambda: "")
+    monkeypatch.setattr(bar, "asked", lambda: bool(asked.append(1)))
+    bar.update_buttons()
+    cell.press("again")
+    assert asked
+    assert not runs
+    monkeypatch.setattr(bar, "asked", lambda: True)
+    cell.press("again")
+    assert runs == ["protrusions"]
+    assert "protrusions" not in session_of(cell.viewer).pipeline.kept
 
 
 def test_a_project_brings_edits_and_selection_back(
