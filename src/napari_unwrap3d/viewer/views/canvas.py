@@ -28,9 +28,9 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from ..common.notice import Notice, small_button
 from ..common.turns import soon
 from .layers import UNWRAPPED, LayerData
-from .notice import Notice, small_button
 from .placing import chart_of, placing
 from .requested import MEANINGS, RequestedCharts
 
