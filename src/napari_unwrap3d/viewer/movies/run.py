@@ -7,12 +7,11 @@ Parameters are those of the viewer's :class:`~.session.Session`.
 from __future__ import annotations
 
 import time
-import weakref
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Size3
 from ...errors import Cancelled, Unwrap3DError
@@ -23,7 +22,7 @@ from ...motion.state import DONE, STALE, MovieState, state_in
 from ...motion.timelapse import Timelapse
 from ...parameters import Parameters
 from ...progress import Progress
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, quiet_collector, tell
 from ..common.turns import soon
 from ..session import session_of
@@ -42,7 +41,7 @@ STAGES: tuple[Stage, ...] = ("register", "segment", "common", "frame")
 CANCELLED = "Cancelled. Run again to go on; what was made stays."
 
 
-class MovieRun(QObject):
+class MovieRun(OfViewer):
     """What makes the movie of one viewer. Get it with :func:`movie_run_of`.
 
     Attributes
@@ -84,8 +83,7 @@ class MovieRun(QObject):
     tables_changed = Signal()
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session = session_of(viewer)
         self.state: MovieState | None = None
         self.failures: list[Failure] = []
@@ -111,11 +109,6 @@ class MovieRun(QObject):
         self.chosen = ChosenTimelapse(viewer, self)
         self.chosen.changed.connect(self._on_source)
         self.chosen.listed.connect(self.source_changed)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def parameters(self) -> Parameters:
@@ -442,12 +435,6 @@ class MovieRun(QObject):
         self._lapse = self._work = self.movie = None
         for working in [*self._before, *([self._working] if self._working else [])]:
             working.close()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 _RUNS: PerViewer[MovieRun] = PerViewer(MovieRun, lambda viewer, run: None)

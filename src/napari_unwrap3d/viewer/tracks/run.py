@@ -8,19 +8,18 @@ Parameters are those of the viewer's :class:`~..session.Session`, tracks those o
 from __future__ import annotations
 
 import time
-import weakref
 from collections.abc import Callable, Collection
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Surface, Tracks
 from ...errors import Cancelled, Unwrap3DError
 from ...geometry.apart import apart
 from ...parameters import Parameters
 from ...progress import Progress
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, quiet_collector, tell
 from ..movies.run import movie_run_of
 from ..movies.session import movie_session_of
@@ -48,7 +47,7 @@ BUSY_MOVIE = "The movie is being made. Wait for it, or cancel it."
 CANCELLED = "Cancelled; the tracks are as they were."
 
 
-class TrackRun(QObject):
+class TrackRun(OfViewer):
     """What tracks and measures the movie of one viewer. Get it with :func:`track_run_of`.
 
     Attributes
@@ -74,8 +73,7 @@ class TrackRun(QObject):
     told = Signal(str)
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session = session_of(viewer)
         self.movies = movie_session_of(viewer)
         self.tracks = tracks_session_of(viewer)
@@ -90,11 +88,6 @@ class TrackRun(QObject):
         self.movies.movie_changed.connect(self._on_movie)
         self.tracks.shown_changed.connect(self._on_state)
         movie_run_of(viewer).running_changed.connect(self._on_state)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def movie(self) -> Movie | None:
@@ -275,12 +268,6 @@ class TrackRun(QObject):
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 class _Reporter:
