@@ -23,7 +23,7 @@ from ...motion.timelapse import Timelapse
 from ...parameters import Parameters
 from ...progress import Progress
 from ..common.per_viewer import OfViewer, PerViewer
-from ..common.threads import Task, quiet_collector, tell
+from ..common.threads import ProgressTask, quiet_collector, tell
 from ..common.turns import soon
 from ..session import session_of
 from .chosen import ChosenTimelapse
@@ -96,8 +96,7 @@ class MovieRun(OfViewer):
         self._waiting: OpenedMovie | None = None  # for the end of a run of the session
         self._computation: MovieComputation | None = None
         self._ended: MovieComputation | None = None
-        self._task: Task | None = None
-        self._task_progress: Progress | None = None
+        self._task: ProgressTask | None = None
         self._again = self._closed = False
         self._began: dict[str, float] = {}
         self.tables: Tables | None = None
@@ -205,8 +204,8 @@ class MovieRun(OfViewer):
         self._again = False
         if self._computation is not None:
             self._computation.cancel()
-        if self._task_progress is not None:
-            self._task_progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
 
     # What parameters change ------------------------------------------------------
 
@@ -371,8 +370,7 @@ class MovieRun(OfViewer):
         if self.busy_with:
             raise Unwrap3DError(self.busy_with, hint="Wait for it, or cancel it.")
         self.busy_with = what
-        self._task_progress = Progress(self._report_task)
-        self._task = Task(work, self._task_progress)
+        self._task = ProgressTask(work, self._report_task)
         self._task.returned.connect(partial(self._on_task, done))
         self._task.failed.connect(partial(self._on_task_failed, done))
         self._task.start()
@@ -428,8 +426,8 @@ class MovieRun(OfViewer):
         if self._computation is not None:
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
-        if self._task is not None and self._task_progress is not None:
-            self._task_progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
             self._task.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
         self._lapse = self._work = self.movie = None

@@ -20,7 +20,7 @@ from ...geometry.apart import apart
 from ...parameters import Parameters
 from ...progress import Progress
 from ..common.per_viewer import OfViewer, PerViewer
-from ..common.threads import Task, quiet_collector, tell
+from ..common.threads import ProgressTask, quiet_collector, tell
 from ..movies.run import movie_run_of
 from ..movies.session import movie_session_of
 from ..session import session_of
@@ -79,8 +79,7 @@ class TrackRun(OfViewer):
         self.tracks = tracks_session_of(viewer)
         self.busy_with = ""
         self.failure: tuple[str, str] | None = None
-        self._task: Task | None = None
-        self._progress: Progress | None = None
+        self._task: ProgressTask | None = None
         self._made: dict[str, dict[str, Any]] = {}  # by piece of work: the parameters it was of
         self._measured: Tracks | None = None
         self._closed = False
@@ -193,8 +192,8 @@ class TrackRun(OfViewer):
 
     def cancel(self) -> None:
         """Stop what is going on; returns at once."""
-        if self._progress is not None:
-            self._progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
 
     # Any work in a thread -----------------------------------------------------------
 
@@ -225,8 +224,7 @@ class TrackRun(OfViewer):
         if self.busy_with:
             raise Unwrap3DError("Something is going on.", hint="Wait for it, or cancel it.")
         self.busy_with, self.failure = what, None
-        self._progress = Progress(_Reporter(what, self.progressed.emit))
-        self._task = Task(work, self._progress)
+        self._task = ProgressTask(work, _Reporter(what, self.progressed.emit))
         self._task.returned.connect(partial(self._on_returned, self.movie, done))
         self._task.failed.connect(self._on_failed)
         quiet_collector.hold(self)
@@ -235,7 +233,7 @@ class TrackRun(OfViewer):
         self.state_changed.emit()
 
     def _end(self) -> None:
-        self.busy_with, self._task, self._progress = "", None, None
+        self.busy_with, self._task = "", None
         quiet_collector.release(self)
 
     def _on_returned(self, of: Movie | None, done: Callable[[Any], None], result: Any) -> None:
