@@ -43,6 +43,15 @@ def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any)
     assert "surface" in {chart_of(layer) for layer in viewer.layers}
 
 
+def test_every_dock_opens_from_the_menu(plugin: Any) -> None:
+    viewer = plugin()
+    contributed = npe2.PluginManifest.from_file(MANIFEST).contributions.widgets
+    assert contributed
+    for widget in contributed:
+        dock, _ = viewer.window.add_plugin_dock_widget(PLUGIN, widget.display_name)
+        assert not dock.isHidden(), widget.display_name
+
+
 def test_the_wizard_leads_to_the_annotations(plugin: Any) -> None:
     viewer = plugin()
     _, wizard = viewer.window.add_plugin_dock_widget(PLUGIN, "Unwrap")

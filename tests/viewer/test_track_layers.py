@@ -243,3 +243,47 @@ def test_other_charts_have_no_tracks_and_layers_that_were_removed_come_again(
 def _zoom(window: Tracked) -> float:
     """Pixels of the screen for one of the image."""
     return float(window.canvas.model.scene.camera.zoom)
+
+
+def test_beside_a_stack_with_channels_lines_follow_its_time_and_not_the_channel(
+    tracked: Tracked, capsys: Any
+) -> None:
+    window, viewer = tracked, tracked.viewer
+    lines = window.lines.layer(SPACE)
+    stack = viewer.add_image(
+        np.zeros((TIMEPOINTS, 2, 4, 4, 4), np.uint8),
+        scale=(2.0, 1.0, 0.5, 0.5, 0.5),
+        axis_labels=("t", "c", "z", "y", "x"),
+        units=("second", "pixel", *(["µm"] * 3)),
+        visible=False,
+    )
+    QApplication.processEvents()
+    window.drawn()
+    assert viewer.layers.extent.units is not None, "napari draws in units"
+    assert tuple(viewer.dims.range[1]) == (0, 1, 1), "the slider of the channels is as it was"
+    window.go_to(2)
+    assert viewer.dims.point[0] == 4.0
+    assert lines.current_time == 2
+    viewer.dims.set_current_step(0, 3)
+    window.wait(lambda: window.session.timepoint == 3)
+    assert lines.current_time == 3
+    viewer.dims.set_current_step(1, 1)
+    QApplication.processEvents()
+    assert (lines.current_time, window.session.timepoint) == (3, 3)
+    # Lines that come when the stack is there.
+    capsys.readouterr()
+    viewer.layers.remove(lines)
+    window.tracking.set_gate([1, 2])
+    window.drawn()
+    lines = window.lines.layer(SPACE)
+    assert lines in viewer.layers
+    assert lines.current_time == 3
+    assert "Inconsistent units" not in capsys.readouterr().out
+    viewer.layers.remove(stack)
+    QApplication.processEvents()
+    window.drawn()
+    window.go_to(1)
+    assert lines.current_time == 1
+    assert viewer.layers.extent.units is not None
+    viewer.dims.set_current_step(0, 4)
+    window.wait(lambda: window.session.timepoint == 4)

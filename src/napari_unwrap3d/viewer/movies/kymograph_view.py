@@ -60,12 +60,12 @@ class KymographDock(Docked):
 
     Parameters
     ----------
-    viewer : napari.Viewer
+    napari_viewer : napari.Viewer
     """
 
-    def __init__(self, viewer: napari.Viewer) -> None:
+    def __init__(self, napari_viewer: napari.Viewer) -> None:
         super().__init__()
-        viewer = getattr(viewer, "__wrapped__", viewer)
+        viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.session = movie_session_of(viewer)
         self.lines = LineLayers(viewer, self, self._later)
         self.found: Kymograph | None = None

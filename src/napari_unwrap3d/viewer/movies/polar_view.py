@@ -104,12 +104,12 @@ class PolarDock(Docked):
 
     Parameters
     ----------
-    viewer : napari.Viewer
+    napari_viewer : napari.Viewer
     """
 
-    def __init__(self, viewer: napari.Viewer) -> None:
+    def __init__(self, napari_viewer: napari.Viewer) -> None:
         super().__init__()
-        viewer = getattr(viewer, "__wrapped__", viewer)
+        viewer = getattr(napari_viewer, "__wrapped__", napari_viewer)
         self.session = movie_session_of(viewer)
         self.colouring: Colouring = canvas_of(viewer).colouring
         self.pole: Pole = "north"

@@ -76,12 +76,12 @@ class ProjectionDock(Docked):
 
     Parameters
     ----------
-    viewer : napari.Viewer
+    napari_viewer : napari.Viewer
     """
 
-    def __init__(self, viewer: napari.Viewer) -> None:
+    def __init__(self, napari_viewer: napari.Viewer) -> None:
         super().__init__()
-        self.session = movie_session_of(getattr(viewer, "__wrapped__", viewer))
+        self.session = movie_session_of(getattr(napari_viewer, "__wrapped__", napari_viewer))
         self._projections: tuple[Movie, Wanted, Projections] | None = None
         self._limits: tuple[float, float] | None = None
         self._task: Task | None = None

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
-from napari.layers import Tracks as TracksLayer
 from qtpy.QtCore import QEvent, QObject
 
 from ...charts import Floats, Tracks
@@ -22,6 +21,7 @@ from ..views.far_side import FarSide
 from ..views.layers import KEY, PIXELS, SPACE, UNIT
 from ..views.placing import chart_of, same_view, undisturbed
 from .heads import TrackHeads, take_away
+from .lines_layer import Tracks as TracksLayer
 
 if TYPE_CHECKING:
     from napari.components import ViewerModel
@@ -76,6 +76,8 @@ class TrackLayers(QObject):
         session.movies.frame_changed.connect(self._on_cell)
         session_of(viewer).finished.connect(self._on_cell)
         viewer.layers.events.removed.connect(self._on_removed)
+        viewer.layers.events.inserted.connect(self._on_axes)
+        viewer.layers.events.removed.connect(self._on_axes)
         viewer.window._qt_window.installEventFilter(self)
         self._timer.start()
 
@@ -153,6 +155,24 @@ class TrackLayers(QObject):
             chart not in self.lines and self._can_show(chart, tracks) for chart in AXES
         ):
             self._timer.start()
+        self._tell_time()
+
+    def _on_axes(self, _: Any = None) -> None:
+        """A stack with other axes came or went: time may be another one."""
+        viewer, layer = self._viewer(), self._layers.get(IN_SPACE)
+        if viewer is not None and layer is not None and layer in viewer.layers:
+            tracks = layer.metadata[KEY]["tracks"]
+            if _beside_channels(viewer, tracks.timepoints) != (layer.timepoint is not None):
+                self._place(IN_SPACE, tracks)
+
+    def _tell_time(self) -> None:
+        """The timepoint, to lines in space whose first axis is not the canvas's time."""
+        viewer, layer = self._viewer(), self._layers.get(IN_SPACE)
+        if viewer is None or layer is None:
+            return
+        movies, tracks = self._session.movies, layer.metadata[KEY]["tracks"]
+        told = movies.movie is not None and _beside_channels(viewer, tracks.timepoints)
+        layer.timepoint = movies.timepoint if told else None
 
     def _adding(self, chart: str, tracks: Tracks) -> Iterator[None]:
         viewer = self._viewer()
@@ -177,6 +197,7 @@ class TrackLayers(QObject):
         layer.events.colormap.connect(self._on_colormap)
         model = viewer if chart == IN_SPACE else canvas_of(viewer).model
         active = model.layers.selection.active
+        self._tell_time()
         with undisturbed(model), same_view(model):
             if chart == IN_SPACE:
                 viewer.add_layer(layer)
@@ -196,6 +217,13 @@ class TrackLayers(QObject):
             with undisturbed(model):
                 model.dims.set_point(scale.axis, scale.point(movies.timepoint))
 
+    def _place(self, chart: str, tracks: Tracks) -> None:
+        """Put a layer where it is among those that there are now."""
+        # First: napari takes its extent when the placement changes.
+        self._tell_time()
+        for name, value in self._placed(chart, tracks).items():
+            setattr(self._layers[chart], name, value)
+
     def _placed(self, chart: str, tracks: Tracks) -> dict[str, Any]:
         """Where the lines are among the other layers."""
         viewer = self._viewer()
@@ -203,7 +231,9 @@ class TrackLayers(QObject):
             return {"units": (PIXELS,) * 4}
         time = time_scale(viewer, tracks.timepoints)
         start, step, unit = (0.0, tracks.time_step_s, SECOND)
-        if time is not None:
+        if _beside_channels(viewer, tracks.timepoints):
+            start, step, unit = (0.0, 1.0, _unit_before_space(viewer))
+        elif time is not None:
             start, step, unit = time.start, time.step, time.unit
         return {
             "units": (unit, *(UNIT,) * 3),
@@ -229,8 +259,7 @@ class TrackLayers(QObject):
         layer, lines = self._layers[chart], self.lines[chart]
         events = layer.events
         # It may have been of another movie.
-        for name, value in self._placed(chart, tracks).items():
-            setattr(layer, name, value)
+        self._place(chart, tracks)
         self._syncing = True
         try:
             with events.rebuild_tracks.blocker(), events.color_by.blocker():
@@ -335,6 +364,8 @@ class TrackLayers(QObject):
         if viewer is not None:
             session_of(viewer).finished.disconnect(self._on_cell)
             viewer.layers.events.removed.disconnect(self._on_removed)
+            viewer.layers.events.inserted.disconnect(self._on_axes)
+            viewer.layers.events.removed.disconnect(self._on_axes)
 
     def eventFilter(self, watched: QObject, event: QEvent) -> bool:
         """The window closes."""
@@ -350,6 +381,19 @@ def origin_of(viewer: Any) -> tuple[float, float, float]:
         return 0.0, 0.0, 0.0
     z, y, x = surface.translate[-3:]
     return float(z), float(y), float(x)
+
+
+def _beside_channels(viewer: ViewerModel, timepoints: int) -> bool:
+    """Whether the axis before z is another one than the time of a movie."""
+    time = time_scale(viewer, timepoints)
+    return time is not None and time.from_end != -len(AXES[IN_SPACE])
+
+
+def _unit_before_space(viewer: ViewerModel) -> str:
+    """Of the axis before z: napari draws nothing in units where two layers do not agree on one."""
+    place = -len(AXES[IN_SPACE])
+    layers = (layer for layer in viewer.layers if type(layer) is not TracksLayer)
+    return next((str(layer.units[place]) for layer in layers if layer.ndim >= -place), PIXELS)
 
 
 def _vertices(lines: TrackLines) -> Floats:
