@@ -136,6 +136,15 @@ def test_only_the_command_opens_the_viewer_and_late(path: Path) -> None:
     assert not found or room(module_name(path)) in ("cli", "movie_demo")
 
 
+def test_the_common_parts_of_the_viewer_know_nothing_of_the_rest() -> None:
+    viewer = f"{NAME}.viewer."
+    paths = list((PACKAGE / "viewer" / "common").glob("*.py"))
+    assert paths
+    for path in paths:
+        ours = {name for name, _ in imports(path) if name.startswith(viewer)}
+        assert all(name.startswith(f"{viewer}common.") for name in ours), path
+
+
 def test_the_rules_see_relative_and_absolute_imports(tmp_path: Path, monkeypatch) -> None:
     package = tmp_path / NAME
     (package / "geometry").mkdir(parents=True)

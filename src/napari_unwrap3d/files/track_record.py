@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -175,6 +176,33 @@ def _pairs(pairs: Any) -> Ints:
 
 
 # Tracks made elsewhere -----------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Said:
+    """What a person says of tracks that were made elsewhere, where their file does not tell.
+
+    Attributes
+    ----------
+    voxel_size : (float, float, float) or None
+        µm per unit along z, y, x where places are in pixels.
+    time_step : float or None
+        Seconds between two timepoints.
+    timepoints : int or None
+        Of the movie; otherwise those of the file's image, or up to the last row.
+    """
+
+    voxel_size: tuple[float, float, float] | None = None
+    time_step: float | None = None
+    timepoints: int | None = None
+
+    @property
+    def sizes(self) -> tuple[float | None, ...]:
+        """µm per unit along z, y and x, each None where nobody said it."""
+        return (None, None, None) if self.voxel_size is None else self.voxel_size
+
+
+NOTHING_SAID = Said()
 
 
 def imported(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, TypeVar
 from ..charts import Tracks
 from ..errors import FileFormatError, InputError
 from . import tracks_geff, tracks_tables, tracks_trackmate
+from .track_record import Said
 
 if TYPE_CHECKING:
     from ..motion.movie import Movie
@@ -106,7 +107,7 @@ def read_tracks(
     reader = _chosen(READERS, path)
     if not path.exists():
         raise InputError(f"There is no {str(path)!r}.")
-    return reader(path, voxel_size, time_step, timepoints)
+    return reader(path, Said(voxel_size, time_step, timepoints))
 
 
 def _chosen(known: Mapping[str, Function], path: str | Path) -> Function:

@@ -20,7 +20,9 @@ from ..errors import FileFormatError, InputError
 from .atomic import replacing
 from .track_graph import graph_of, tracks_of_graph
 from .track_record import (
+    NOTHING_SAID,
     TIMES_S,
+    Said,
     as_name,
     imported,
     length_um,
@@ -96,23 +98,13 @@ def write_geff(
     return path
 
 
-def read_geff(
-    path: str | Path,
-    voxel_size: tuple[float, float, float] | None = None,
-    time_step: float | None = None,
-    timepoints: int | None = None,
-) -> Tracks:
+def read_geff(path: str | Path, said: Said = NOTHING_SAID) -> Tracks:
     """Read tracks from a GEFF, also from one that was made elsewhere.
 
     Parameters
     ----------
     path : path
-    voxel_size : tuple of float, optional
-        µm per unit along z, y, x where the axes are in pixels.
-    time_step : float, optional
-        Seconds between two timepoints, where the file does not tell.
-    timepoints : int, optional
-        Of the movie.
+    said : Said, optional
 
     Raises
     ------
@@ -138,7 +130,7 @@ def read_geff(
     if record is not None:
         names = record["identifiers"]
         return restored(record, {names[key]: properties[key] for key in names})
-    return _foreign(path, found, properties, voxel_size, time_step, timepoints)
+    return _foreign(path, found, properties, said)
 
 
 # Writing -------------------------------------------------------------------------
@@ -247,14 +239,7 @@ def _values(found: Any) -> npt.NDArray[Any]:
     return values
 
 
-def _foreign(
-    path: Path,
-    found: Any,
-    properties: dict[str, npt.NDArray[Any]],
-    voxel_size: tuple[float, float, float] | None,
-    time_step: float | None,
-    timepoints: int | None,
-) -> Tracks:
+def _foreign(path: Path, found: Any, properties: dict[str, npt.NDArray[Any]], said: Said) -> Tracks:
     """Tracks that were not written by us: paths of the graph."""
     metadata = found["metadata"]
     axes = list(metadata.axes or ())
@@ -264,8 +249,8 @@ def _foreign(
         raise FileFormatError(
             f"{path.name!r} has no axes of time and space.", axes=[axis.name for axis in axes]
         )
-    frames, step = _frames(time[0], properties[time[0].name], time_step)
-    position = _position(space, properties, voxel_size)
+    frames, step = _frames(time[0], properties[time[0].name], said.time_step)
+    position = _position(space, properties, said.sizes)
     index = {int(node): row for row, node in enumerate(found["node_ids"].tolist())}
     edges = np.array(
         [[index[int(node)] for node in edge] for edge in found["edge_ids"].tolist()], np.int64
@@ -288,7 +273,7 @@ def _foreign(
         "left_out": left_out,
         "axes": [axis.model_dump(mode="json") for axis in axes],
     }
-    return imported(columns, step, timepoints, source, splits, merges)
+    return imported(columns, step, said.timepoints, source, splits, merges)
 
 
 def _as_column(name: str, taken: dict[str, Any]) -> str:
@@ -317,13 +302,12 @@ def _frames(
 def _position(
     space: list[Any],
     properties: dict[str, npt.NDArray[Any]],
-    voxel_size: tuple[float, float, float] | None,
+    sizes: tuple[float | None, ...],
 ) -> dict[str, npt.NDArray[Any]]:
     """z, y, x in µm; a flat image lies at z = 0."""
     named = {axis.name.lower()[-1:]: axis for axis in space}
     ordered = [named[k] for k in "zyx" if k in named]
     ordered = ordered if len(ordered) == len(space) else space
-    sizes = (None,) * 3 if voxel_size is None else voxel_size
     found: dict[str, npt.NDArray[Any]] = {}
     for column, size, axis in zip(
         SPACE[-len(ordered) :], sizes[-len(ordered) :], ordered, strict=True

@@ -24,6 +24,8 @@ from .atomic import replacing
 from .tables import check_parquet
 from .track_record import (
     LENGTHS_UM,
+    NOTHING_SAID,
+    Said,
     from_one,
     imported,
     length_um,
@@ -75,23 +77,18 @@ def write_track_table(
     return path
 
 
-def read_track_table(
-    path: str | Path,
-    voxel_size: tuple[float, float, float] | None = None,
-    time_step: float | None = None,
-    timepoints: int | None = None,
-) -> Tracks:
+def read_track_table(path: str | Path, said: Said = NOTHING_SAID) -> Tracks:
     """Read tracks from CSV or Parquet; see :func:`..tracks.read_tracks`.
 
     Columns of other programs are known by their usual names (TrackMate's table of spots, napari's
-    CSV, trackpy, …); their places need a unit in the name, or `voxel_size`.
+    CSV, trackpy, …); their places need a unit in the name, or a voxel size.
     """
     path = Path(path)
     parquet = path.suffix.lower() == ".parquet"
     columns, record = _read_parquet(path) if parquet else _read_csv(path)
     if record is not None:
         return restored(record, columns)
-    return _foreign(path, columns, voxel_size, time_step, timepoints)
+    return _foreign(path, columns, said)
 
 
 # Writing -------------------------------------------------------------------------
@@ -195,13 +192,7 @@ def _read_parquet(path: Path) -> tuple[Columns, dict[str, Any] | None]:
     return columns, None if told is None else json.loads(told)
 
 
-def _foreign(
-    path: Path,
-    found: Columns,
-    voxel_size: tuple[float, float, float] | None,
-    time_step: float | None,
-    timepoints: int | None,
-) -> Tracks:
+def _foreign(path: Path, found: Columns, said: Said) -> Tracks:
     """Tracks of a table that has no record of ours."""
     found, unit = _without_headers(found)
     names = _known(found)
@@ -214,10 +205,10 @@ def _foreign(
     numbers = {ours: _numbers(found[theirs], theirs) for ours, theirs in names.items()}
     tracked = np.isfinite(numbers[TRACK])
     numbers = {name: column[tracked] for name, column in numbers.items()}
-    frames, step = _frames(path, numbers, time_step)
+    frames, step = _frames(path, numbers, said.time_step)
     track, raised = from_one(whole_timepoints(numbers[TRACK]))
     columns: Columns = {TRACK: track, TIMEPOINT: frames}
-    columns |= _position(names, numbers, voxel_size, unit, len(track))
+    columns |= _position(names, numbers, said.sizes, unit, len(track))
     columns |= {name: numbers[name] for name in PLACE if name in numbers}
     used = set(names.values())
     for name, column in found.items():
@@ -228,7 +219,7 @@ def _foreign(
         name: _links(track, numbers.get(name), raised, child)
         for name, child in ((PARENT, True), (INTO, False))
     }
-    return imported(columns, step, timepoints, source, links[PARENT], links[INTO])
+    return imported(columns, step, said.timepoints, source, links[PARENT], links[INTO])
 
 
 def _without_headers(found: Columns) -> tuple[Columns, str | None]:
@@ -320,7 +311,7 @@ def _ratio(frames: Ints, times: npt.NDArray[np.float64]) -> float | None:
 def _position(
     names: Mapping[str, str],
     numbers: Mapping[str, npt.NDArray[np.float64]],
-    voxel_size: tuple[float, float, float] | None,
+    sizes: tuple[float | None, ...],
     unit: str | None,
     rows: int,
 ) -> Columns:
@@ -331,7 +322,6 @@ def _position(
                 "The table has no places.", hint="Name them z_um, y_um, x_um, or v_px, u_px."
             )
         return {name: np.full(rows, np.nan) for name in SPACE}
-    sizes: tuple[float | None, ...] = voxel_size or (None, None, None)
     found: Columns = {SPACE[0]: np.zeros(rows)}
     for name, size in zip(SPACE, sizes, strict=True):
         if name in names:

@@ -27,7 +27,9 @@ from ..errors import FileFormatError, InputError
 from .atomic import replacing
 from .track_graph import KINDS, graph_of, tracks_of_graph
 from .track_record import (
+    NOTHING_SAID,
     TIMES_S,
+    Said,
     as_name,
     cast,
     imported,
@@ -103,23 +105,13 @@ def write_trackmate(
     return path
 
 
-def read_trackmate(
-    path: str | Path,
-    voxel_size: tuple[float, float, float] | None = None,
-    time_step: float | None = None,
-    timepoints: int | None = None,
-) -> Tracks:
+def read_trackmate(path: str | Path, said: Said = NOTHING_SAID) -> Tracks:
     """Read tracks from TrackMate's XML: the spots of its filtered tracks.
 
     Parameters
     ----------
     path : path
-    voxel_size : tuple of float, optional
-        µm per unit along z, y, x where the file is in pixels.
-    time_step : float, optional
-        Seconds between two frames, where the file does not tell.
-    timepoints : int, optional
-        Of the movie; otherwise as many as the file's image has.
+    said : Said, optional
 
     Raises
     ------
@@ -142,7 +134,7 @@ def read_trackmate(
     record = _record(root)
     if record is not None:
         return _ours(path, model, record)
-    return _foreign(path, root, model, voxel_size, time_step, timepoints)
+    return _foreign(path, root, model, said)
 
 
 # Writing -------------------------------------------------------------------------
@@ -406,14 +398,7 @@ def _column(spots: list[dict[str, str]], name: str, kind: type) -> npt.NDArray[A
     return np.array([float(spot.get(name, "nan")) for spot in spots], np.float64)
 
 
-def _foreign(
-    path: Path,
-    root: ET.Element,
-    model: ET.Element,
-    voxel_size: tuple[float, float, float] | None,
-    time_step: float | None,
-    timepoints: int | None,
-) -> Tracks:
+def _foreign(path: Path, root: ET.Element, model: ET.Element, said: Said) -> Tracks:
     links = _links(model)
     tracked = {spot for link in links for spot in link}
     everything = [spot.attrib for spot in model.iter("Spot")]
@@ -424,8 +409,7 @@ def _foreign(
     edges = _edges(path, links, {int(spot["ID"]): row for row, spot in enumerate(spots)})
     track, splits, merges = tracks_of_graph(frames, edges)
     columns = {TRACK: track, TIMEPOINT: frames}
-    sizes: tuple[float | None, ...] = voxel_size or (None, None, None)
-    for axis, name, size in zip("ZYX", SPACE, sizes, strict=True):
+    for axis, name, size in zip("ZYX", SPACE, said.sizes, strict=True):
         um = length_um(model.get("spatialunits"), size, axis)
         columns[name] = _column(spots, f"POSITION_{axis}", float) * um
     columns["spot_id"] = _column(spots, "ID", int)
@@ -439,9 +423,10 @@ def _foreign(
         "units": {key: model.get(key) for key in ("spatialunits", "timeunits")},
         "spots_in_no_track": len(everything) - len(spots),
     }
+    timepoints = said.timepoints
     if timepoints is None and image is not None:
         timepoints = max(int(image.get("nframes", 0)), int(frames.max()) + 1)
-    step = time_step or _interval(image, model.get("timeunits"))
+    step = said.time_step or _interval(image, model.get("timeunits"))
     return imported(columns, step, timepoints, source, splits, merges)
 
 

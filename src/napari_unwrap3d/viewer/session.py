@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ..atlas import Atlas
 from ..errors import Cancelled, ParameterError, Unwrap3DError
@@ -19,7 +19,7 @@ from ..parameters import Parameters
 from ..pipeline import ON_REQUEST, STEP_NAMES, Pipeline, Source
 from .annotations.keeping import keeping
 from .common.binding import warn_of_binding
-from .common.per_viewer import PerViewer
+from .common.per_viewer import OfViewer, PerViewer
 from .common.threads import Task, quiet_collector, tell
 from .common.turns import Turns, soon
 from .steps.computing import Computation, Known, Outcome
@@ -55,7 +55,7 @@ NO_LAYER = "Open a stack, a label image or a mesh (File > Open, or File > Open S
 ASK_VOXEL_SIZE = "The layer is in pixels. Fill in its voxel size (z, y, x) in µm."
 
 
-class Session(QObject):
+class Session(OfViewer):
     """What one viewer knows about its cell. Get it with :func:`session_of`.
 
     Attributes
@@ -106,8 +106,7 @@ class Session(QObject):
     closing = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.atlas: Atlas | None = None
         self.charts: dict[str, Any] = {}
         self.steps = {name: StepState() for name in STEPS}
@@ -134,11 +133,6 @@ class Session(QObject):
         self._update_states()
 
     # The source --------------------------------------------------------------
-
-    @property
-    def viewer(self) -> ViewerModel | None:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def source(self) -> Layer | None:
@@ -344,12 +338,6 @@ class Session(QObject):
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
     def _forget_removed(self) -> None:
         """Charts whose layers the user removed are shown again by the next run."""

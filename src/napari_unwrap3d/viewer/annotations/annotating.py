@@ -5,18 +5,17 @@ One per viewer, so that closing and opening the dock loses nothing.
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...annotations import Annotations
 from ...atlas import Atlas
 from ...charts import Ints
 from ...errors import Unwrap3DError
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..session import session_of
 from ..views.canvas import canvas_of
 from ..views.layers import FRAME
@@ -42,7 +41,7 @@ KEYS = {"Control-Z": "undo", "Control-Shift-Z": "redo"}
 RADIUS_SHARE = 0.03
 
 
-class Annotating(QObject):
+class Annotating(OfViewer):
     """What a person draws with. Get it with :func:`annotating_of`.
 
     Signals
@@ -66,8 +65,7 @@ class Annotating(QObject):
     told = Signal(str)
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.atlas: Atlas | None = None
         self._annotations: Annotations | None = None
         self._texturing: Texturing | None = None
@@ -99,11 +97,6 @@ class Annotating(QObject):
         """Of the cell; only where there is one (:attr:`atlas`)."""
         assert self._annotations is not None
         return self._annotations
-
-    @property
-    def viewer(self) -> ViewerModel | None:
-        """The viewer, as long as it is there."""
-        return self._viewer()
 
     @property
     def canvas(self) -> UnwrappedCanvas | None:
@@ -227,12 +220,6 @@ class Annotating(QObject):
                 for key in KEYS:
                     model.bind_key(key, None, overwrite=True)
         self._direct.close()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
     def faces(self, mesh: str) -> Ints:
         """The faces of a mesh of the cell, or of the timepoint that is shown."""

@@ -6,9 +6,41 @@ import weakref
 from collections.abc import Callable
 from typing import Any, Generic, TypeVar
 
-from qtpy.QtCore import QObject
+from qtpy.QtCore import QEvent, QObject
 
-One = TypeVar("One", bound=QObject)
+
+class OfViewer(QObject):
+    """What there is one of for a viewer; it lives in the viewer's window, and closes with it.
+
+    Parameters
+    ----------
+    viewer : napari.Viewer
+        No reference to it is kept.
+    parent : QObject, optional
+        The window.
+    """
+
+    def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
+        super().__init__(parent)
+        self._viewer = weakref.ref(viewer)
+
+    @property
+    def viewer(self) -> Any:
+        """The viewer; None once it is gone."""
+        return self._viewer()
+
+    def close(self) -> None:
+        """Let go of the viewer, and leave no thread behind."""
+        raise NotImplementedError
+
+    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
+        """The window closes."""
+        if event.type() == QEvent.Type.Close:
+            self.close()
+        return super().eventFilter(watched, event)
+
+
+One = TypeVar("One", bound=OfViewer)
 
 
 class PerViewer(Generic[One]):

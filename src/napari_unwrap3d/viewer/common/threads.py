@@ -19,6 +19,7 @@ from napari.utils.notifications import notification_manager, show_error
 from qtpy.QtCore import QObject, Signal
 
 from ...errors import Unwrap3DError
+from ...progress import Callback, Progress
 
 THREAD_NAME = "unwrap3d"
 # How long a thread keeps Python while another waits for it.
@@ -74,6 +75,26 @@ class Task(QObject):
         else:
             self.failed.emit(error)
         self._ended.set()
+
+
+class ProgressTask(Task):
+    """A function of a progress, through which it reports, and is cancelled.
+
+    Parameters
+    ----------
+    function : callable(Progress)
+    report : callable(stage, fraction, message), optional
+        Called in the thread.
+    """
+
+    def __init__(self, function: Callable[[Progress], Any], report: Callback | None = None) -> None:
+        progress = Progress(report)
+        super().__init__(function, progress)
+        self._progress = progress
+
+    def cancel(self) -> None:
+        """Ask the function to stop; returns at once."""
+        self._progress.cancel()
 
 
 def stand_back() -> None:

@@ -25,10 +25,10 @@ from ...motion.kymograph import surface_line as measured
 from ...motion.uv_stacks import UvStacks, field_label
 from ..common.connections import end_with_dock
 from ..common.docking import Docked
+from ..common.notice import small_button
 from ..common.threads import Task, tell
 from ..common.turns import soon
 from ..views.canvas import open_canvas
-from ..views.notice import small_button
 from ..views.shown_colours import shown_colours
 from .kymograph_plot import KymographPlot
 from .session import movie_session_of

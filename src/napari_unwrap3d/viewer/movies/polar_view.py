@@ -13,10 +13,10 @@ from ...motion.uv_stacks import field_label
 from ...unwrapping.uv_views import Pole, polar_to_pixel, to_polar
 from ..common.connections import end_with_dock
 from ..common.docking import Docked
+from ..common.notice import small_button
 from ..common.turns import soon
 from ..steps.plots import FONT, Plot
 from ..views.canvas import canvas_of
-from ..views.notice import small_button
 from ..views.shown_colours import shown_colours
 from .session import MovieSession, movie_session_of
 

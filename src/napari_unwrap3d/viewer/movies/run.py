@@ -7,12 +7,11 @@ Parameters are those of the viewer's :class:`~.session.Session`.
 from __future__ import annotations
 
 import time
-import weakref
 from collections.abc import Callable, Collection, Iterator
 from functools import partial
 from typing import Any
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Size3
 from ...errors import Cancelled, Unwrap3DError
@@ -23,8 +22,8 @@ from ...motion.state import DONE, STALE, MovieState, state_in
 from ...motion.timelapse import Timelapse
 from ...parameters import Parameters
 from ...progress import Progress
-from ..common.per_viewer import PerViewer
-from ..common.threads import Task, quiet_collector, tell
+from ..common.per_viewer import OfViewer, PerViewer
+from ..common.threads import ProgressTask, quiet_collector, tell
 from ..common.turns import soon
 from ..session import session_of
 from .chosen import ChosenTimelapse
@@ -42,7 +41,7 @@ STAGES: tuple[Stage, ...] = ("register", "segment", "common", "frame")
 CANCELLED = "Cancelled. Run again to go on; what was made stays."
 
 
-class MovieRun(QObject):
+class MovieRun(OfViewer):
     """What makes the movie of one viewer. Get it with :func:`movie_run_of`.
 
     Attributes
@@ -84,8 +83,7 @@ class MovieRun(QObject):
     tables_changed = Signal()
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session = session_of(viewer)
         self.state: MovieState | None = None
         self.failures: list[Failure] = []
@@ -98,8 +96,7 @@ class MovieRun(QObject):
         self._waiting: OpenedMovie | None = None  # for the end of a run of the session
         self._computation: MovieComputation | None = None
         self._ended: MovieComputation | None = None
-        self._task: Task | None = None
-        self._task_progress: Progress | None = None
+        self._task: ProgressTask | None = None
         self._again = self._closed = False
         self._began: dict[str, float] = {}
         self.tables: Tables | None = None
@@ -111,11 +108,6 @@ class MovieRun(QObject):
         self.chosen = ChosenTimelapse(viewer, self)
         self.chosen.changed.connect(self._on_source)
         self.chosen.listed.connect(self.source_changed)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def parameters(self) -> Parameters:
@@ -212,8 +204,8 @@ class MovieRun(QObject):
         self._again = False
         if self._computation is not None:
             self._computation.cancel()
-        if self._task_progress is not None:
-            self._task_progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
 
     # What parameters change ------------------------------------------------------
 
@@ -378,8 +370,7 @@ class MovieRun(QObject):
         if self.busy_with:
             raise Unwrap3DError(self.busy_with, hint="Wait for it, or cancel it.")
         self.busy_with = what
-        self._task_progress = Progress(self._report_task)
-        self._task = Task(work, self._task_progress)
+        self._task = ProgressTask(work, self._report_task)
         self._task.returned.connect(partial(self._on_task, done))
         self._task.failed.connect(partial(self._on_task_failed, done))
         self._task.start()
@@ -435,19 +426,13 @@ class MovieRun(QObject):
         if self._computation is not None:
             self._computation.cancel()
             self._computation.wait(CLOSE_SECONDS)
-        if self._task is not None and self._task_progress is not None:
-            self._task_progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
             self._task.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
         self._lapse = self._work = self.movie = None
         for working in [*self._before, *([self._working] if self._working else [])]:
             working.close()
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 _RUNS: PerViewer[MovieRun] = PerViewer(MovieRun, lambda viewer, run: None)

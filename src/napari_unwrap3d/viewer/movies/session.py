@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import weakref
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QEvent, QObject, QTimer, Signal
+from qtpy.QtCore import QObject, QTimer, Signal
 
 from ...charts import Frame
 from ...motion.movie import Movie
 from ...motion.shown_frames import ShownFrame
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, tell
 from .frame_reader import FrameReader
 
@@ -25,7 +24,7 @@ FPS = 8.0
 LOWEST_FPS, HIGHEST_FPS = 1.0, 30.0
 
 
-class MovieSession(QObject):
+class MovieSession(OfViewer):
     """What one viewer knows about its movie. Get it with :func:`movie_session_of`.
 
     The common space is the cell of the viewer's :class:`~.session.Session`; the movie adds what
@@ -71,8 +70,7 @@ class MovieSession(QObject):
     playback_changed = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.movie: Movie | None = None
         self.timepoint = self.wanted = 0
         self.frame: Frame | None = None
@@ -85,11 +83,6 @@ class MovieSession(QObject):
         self._timer = QTimer(self)
         self._timer.timeout.connect(self._on_tick)
         self._timer.setInterval(round(1000.0 / FPS))
-
-    @property
-    def viewer(self) -> ViewerModel | None:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     def set_movie(self, movie: Movie | None) -> None:
         """Show another movie from its first timepoint on."""
@@ -244,13 +237,11 @@ class MovieSession(QObject):
 
     # The end --------------------------------------------------------------------
 
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: let go of the movie."""
-        if event.type() == QEvent.Type.Close:
-            self.pause()
-            self._leave()
-            self.movie = None
-        return super().eventFilter(watched, event)
+    def close(self) -> None:
+        """Let go of the movie."""
+        self.pause()
+        self._leave()
+        self.movie = None
 
 
 def _made(movie: Movie) -> tuple[Movie, frozenset[int]]:

@@ -22,7 +22,7 @@ from qtpy.QtWidgets import (
 )
 
 from ..common.connections import disconnect, end_with_dock
-from ..views.notice import small_button
+from ..common.notice import small_button
 from .session import HIGHEST_FPS, LOWEST_FPS, MovieSession, movie_session_of
 
 if TYPE_CHECKING:

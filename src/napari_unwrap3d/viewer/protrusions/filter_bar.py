@@ -10,7 +10,7 @@ from qtpy.QtWidgets import QComboBox, QHBoxLayout, QLabel, QLineEdit, QSizePolic
 from ...charts import MOTIFS
 from ...fields import WHICH
 from ...protrusions.columns import COLUMNS
-from ..views.notice import small_button
+from ..common.notice import small_button
 from .filter import Filter
 from .model import title
 

@@ -7,12 +7,11 @@ brush, is measured anew in a thread.
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...errors import Unwrap3DError
 from ...fields import CURVATURE, PROTRUSION
@@ -22,7 +21,7 @@ from ...protrusions.editing import EDITED, NAME, ProtrusionEdits
 from ..annotations.annotating import annotating_of
 from ..annotations.colours import LABELS
 from ..annotations.painting import BRUSH, LOOK
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, tell
 from ..common.turns import soon
 from ..session import session_of
@@ -46,7 +45,7 @@ REST_MS = 300
 CLOSE_SECONDS = 5.0
 
 
-class Instances(QObject):
+class Instances(OfViewer):
     """The protrusions of a viewer. Get them with :func:`instances_of`.
 
     Attributes
@@ -80,8 +79,7 @@ class Instances(QObject):
     working = Signal(str)
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session: Session = session_of(viewer)
         self.found: Protrusions | None = None
         self.selection: tuple[int, ...] = ()
@@ -100,11 +98,6 @@ class Instances(QObject):
         self._reason = ""
         if self.session.atlas is not None:
             self._on_atlas(self.session.atlas)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer, None once it is gone."""
-        return self._viewer()
 
     # What there is ---------------------------------------------------------------------
 
@@ -464,12 +457,6 @@ class Instances(QObject):
             self._annotating.style_by(NAME, None)
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 def _begin(viewer: Any, instances: Instances) -> None:

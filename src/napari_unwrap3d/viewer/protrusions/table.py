@@ -6,22 +6,14 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from qtpy.QtCore import QItemSelection, QItemSelectionModel, Qt
-from qtpy.QtGui import QKeyEvent
 from qtpy.QtWidgets import (
-    QAbstractItemView,
-    QApplication,
     QCheckBox,
-    QComboBox,
     QFileDialog,
     QHBoxLayout,
-    QHeaderView,
     QLabel,
-    QMenu,
     QProgressBar,
     QPushButton,
     QSizePolicy,
-    QTableView,
     QVBoxLayout,
     QWidget,
 )
@@ -31,11 +23,11 @@ from ...fields import WHICH
 from ...files.export import export_protrusions
 from ...protrusions.columns import COLUMNS
 from ..common.connections import end_with_dock
-from ..common.docking import Docked
+from ..common.notice import small_button
+from ..common.table_dock import WIDTH, TableDock
 from ..common.threads import Task, tell
 from ..steps.texts import NOT_FOUND, OTHERS
 from ..views.canvas import canvas_of
-from ..views.notice import small_button
 from .edits import EditBar
 from .filter import COLUMNS_FIRST
 from .filter_bar import FilterBar
@@ -53,24 +45,10 @@ HELP = (
     "Click a protrusion in any view to select it, with Shift or Ctrl to add it. "
     "Esc selects nothing."
 )
-WIDTH = 380
-# napari's own is hardly seen beside the colours of the protrusions.
-SELECTED = "QTableView::item:selected { background: #3d6fd6; color: white; }"
 EXPORT = "Export protrusions into a new folder"
 
 
-class InstanceTable(QTableView):
-    """The rows; Escape selects nothing."""
-
-    def keyPressEvent(self, event: QKeyEvent | None) -> None:
-        """Let go of what is selected."""
-        if event is not None and event.key() == Qt.Key.Key_Escape:
-            self.clearSelection()
-            return
-        super().keyPressEvent(event)
-
-
-class ProtrusionTable(Docked):
+class ProtrusionTable(TableDock):
     """The dock widget. Closing it loses nothing.
 
     Parameters
@@ -81,7 +59,6 @@ class ProtrusionTable(Docked):
     def __init__(self, napari_viewer: napari.Viewer, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.instances = instances_of(napari_viewer)
-        self._syncing = False
         self._exporting: Task | None = None
         self._linked = False
         self._build()
@@ -101,9 +78,8 @@ class ProtrusionTable(Docked):
         self.busy.setMaximumHeight(6)
         self.busy.setTextVisible(False)
         self.busy.hide()
-        self.colour_box = QComboBox()
+        self._build_table(InstanceModel(instances, self), ShownRows(instances, self))
         self.colour_box.setToolTip("What colours the protrusions, in every view.")
-        self.colour_box.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Fixed)
         self.colour_box.addItem(INSTANCE, "")
         for name in COLUMNS:
             if name not in WHICH:
@@ -111,38 +87,18 @@ class ProtrusionTable(Docked):
         self.slices = QCheckBox("Slices")
         self.slices.setToolTip("Show slices of the stack in the main canvas, with the labels.")
         self.columns_button = small_button("Columns", "Which measures are shown.")
-        self.columns_menu = QMenu(self)
         self.columns_button.setMenu(self.columns_menu)
         self.filter_bar = FilterBar(instances)
-        self.model = InstanceModel(instances, self)
-        self.rows = ShownRows(instances, self)
-        self.rows.setSourceModel(self.model)
-        self.table = InstanceTable()
-        self.table.setModel(self.rows)
-        self.table.setSortingEnabled(True)
-        self.table.sortByColumn(0, Qt.SortOrder.AscendingOrder)
-        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.table.setSelectionMode(QAbstractItemView.SelectionMode.ExtendedSelection)
-        self.table.setStyleSheet(SELECTED)
-        self.table.verticalHeader().hide()
-        self.table.verticalHeader().setDefaultSectionSize(self.fontMetrics().height() + 6)
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.count, self.help = QLabel(), QLabel(HELP)
-        self.help.setWordWrap(True)
+        self.help.setText(HELP)
         self.edit_bar = EditBar(instances)
         self.square = SquareView(instances)
-        self.export_button, self.copy_button = QPushButton("Export …"), QPushButton("Copy table")
+        self.export_button = QPushButton("Export …")
         self.export_button.setToolTip("Table, label images and closed meshes, into a folder.")
         self.copy_button.setToolTip("All rows that are shown, to paste into a spreadsheet.")
-        for name in COLUMNS:
-            action = self.columns_menu.addAction(title(name))
-            action.setCheckable(True)
-            action.setData(name)
         header = self.table.horizontalHeader()
-        header.setSectionsMovable(True)
         for place, name in enumerate(COLUMNS_FIRST):
             header.moveSection(header.visualIndex(list(COLUMNS).index(name)), place)
-        self._show_columns()
+        self._offer_columns()
 
     def _arrange(self) -> None:
         top, colours, files = QHBoxLayout(), QHBoxLayout(), QHBoxLayout()
@@ -172,12 +128,9 @@ class ProtrusionTable(Docked):
     def _connect(self) -> None:
         instances = self.instances
         self.run_button.clicked.connect(self._on_run)
-        self.colour_box.activated.connect(self._on_colour)
+        self._connect_table()
         self.slices.toggled.connect(self._on_slices)
-        self.columns_menu.triggered.connect(self._on_column)
-        self.table.selectionModel().selectionChanged.connect(self._on_selected)
         self.export_button.clicked.connect(self._on_export)
-        self.copy_button.clicked.connect(self.copy)
         instances.changed.connect(self._take)
         instances.selected.connect(self._show_selection)
         instances.styled.connect(self._on_styled)
@@ -219,15 +172,15 @@ class ProtrusionTable(Docked):
         self._tally()
 
     def _tally(self) -> None:
-        shown, known = self.rows.rowCount(), len(self.instances.labels)
-        parts = [f"{known} protrusions"]
-        if shown < known:
-            parts.append(f"{shown} shown")
-        if self.instances.selection:
-            parts.append(f"{len(self.instances.selection)} selected")
-        if self.instances.edited:
-            parts.append("edited")
-        self.count.setText(", ".join(parts) if self.instances.found is not None else "")
+        instances = self.instances
+        if instances.found is None:
+            self.count.setText("")
+            return
+        shown, known = self.rows.rowCount(), len(instances.labels)
+        some = shown if shown < known else None
+        self._say_count(
+            f"{known} protrusions", some, len(instances.selection), bool(instances.edited)
+        )
 
     def _on_styled(self) -> None:
         self._syncing = True
@@ -237,19 +190,18 @@ class ProtrusionTable(Docked):
         self.table.viewport().update()
         self._tally()
 
+    def title(self, column: str) -> str:
+        """What a person reads for a measure, in one line."""
+        return title(column)
+
+    def is_shown(self, column: str) -> bool:
+        """Whether a measure is shown."""
+        return column in self.instances.columns
+
     def show_columns(self, names: Iterable[str]) -> None:
         """Show these measures."""
         self.instances.columns = tuple(dict.fromkeys([LABEL, *names]))
         self._show_columns()
-
-    def _show_columns(self) -> None:
-        shown = self.instances.columns
-        for place, action in enumerate(self.columns_menu.actions()):
-            self.table.setColumnHidden(place, action.data() not in shown)
-            action.setChecked(action.data() in shown)
-
-    def _on_column(self, _: object) -> None:
-        self.show_columns(a.data() for a in self.columns_menu.actions() if a.isChecked())
 
     def _on_colour(self, _: int) -> None:
         self.instances.set_measure(str(self.colour_box.currentData()))
@@ -263,34 +215,14 @@ class ProtrusionTable(Docked):
 
     # The selection -----------------------------------------------------------------
 
-    def _on_selected(self, *_: object) -> None:
-        if self._syncing:
-            return
-        labels = self.model.ids
-        rows = self.table.selectionModel().selectedRows()
-        chosen = [labels[self.rows.mapToSource(row).row()] for row in rows]
+    def _on_chosen(self, ids: list[int]) -> None:
         # Those that were selected before keep their places: the first gives the label.
-        before = [label for label in self.instances.selection if label in chosen]
-        self.instances.select([*before, *chosen])
+        before = [label for label in self.instances.selection if label in ids]
+        self.instances.select([*before, *ids])
 
     def _show_selection(self) -> None:
         """Select the rows of what is selected, and scroll to the last."""
-        labels, selection = self.model.ids, QItemSelection()
-        last = None
-        for label in self.instances.selection:
-            if label in labels:
-                source = self.model.index(labels.index(label), 0)
-                row = self.rows.mapFromSource(source)
-                if row.isValid():
-                    selection.select(row, row)
-                    last = row
-        self._syncing = True
-        flags = QItemSelectionModel.SelectionFlag
-        self.table.selectionModel().select(selection, flags.ClearAndSelect | flags.Rows)
-        if last is not None:
-            self.table.scrollTo(last)
-        self._syncing = False
-        self._tally()
+        self._select_rows(self.instances.selection, -1)
 
     # What a person does ------------------------------------------------------------
 
@@ -307,18 +239,6 @@ class ProtrusionTable(Docked):
             self.message.show()
         else:
             self._update()
-
-    def copy(self) -> None:
-        """Put the rows and columns that are shown on the clipboard, with their titles."""
-        names = [name for name in COLUMNS if name in self.instances.columns]
-        places = [list(COLUMNS).index(name) for name in names]
-        lines = ["\t".join(title(name) for name in names)]
-        for row in range(self.rows.rowCount()):
-            sources = (self.rows.mapToSource(self.rows.index(row, place)) for place in places)
-            lines.append("\t".join(self.model.plain(source) for source in sources))
-        clipboard = QApplication.clipboard()
-        if clipboard is not None:
-            clipboard.setText("\n".join(lines))
 
     def _on_export(self) -> None:
         name = QFileDialog.getExistingDirectory(self, EXPORT)

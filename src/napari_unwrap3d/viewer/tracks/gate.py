@@ -6,14 +6,13 @@ measured. After every stroke it is found out anew, in a thread.
 
 from __future__ import annotations
 
-import weakref
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Tracks
 from ...errors import Unwrap3DError
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, tell
 from ..common.turns import soon
 from ..movies.session import movie_session_of
@@ -30,7 +29,7 @@ REST_MS = 150
 CLOSE_SECONDS = 5.0
 
 
-class TrackGate(QObject):
+class TrackGate(OfViewer):
     """Keeps the gate of a viewer's tracks as it is drawn. Get it with :func:`track_gate_of`.
 
     Attributes
@@ -52,8 +51,7 @@ class TrackGate(QObject):
     listed = Signal()
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session = session_of(viewer)
         self.movies = movie_session_of(viewer)
         self.tracks = tracks_session_of(viewer)
@@ -173,12 +171,6 @@ class TrackGate(QObject):
         self._leave()
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 def _signals(annotations: Annotations) -> tuple[Any, ...]:

@@ -20,9 +20,9 @@ from qtpy.QtWidgets import (
 from ...charts import Frame
 from ..common.connections import end_with_dock
 from ..common.docking import Docked
+from ..common.notice import small_button
 from ..common.progress_bar import ProgressBar
 from ..steps.panel import WIDTH, scrolling
-from ..views.notice import small_button
 from .files import (
     ask_export,
     ask_file,

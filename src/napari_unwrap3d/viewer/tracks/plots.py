@@ -23,10 +23,10 @@ from ...measuring.plot_kinds import column_label
 from ...progress import Progress
 from ..common.connections import end_with_dock
 from ..common.docking import Docked
+from ..common.notice import Notice, small_button
 from ..common.threads import tell
 from ..common.turns import soon
 from ..steps.texts import COLOURS
-from ..views.notice import Notice, small_button
 from .drawn_plot import DrawnPlot
 from .run import NO_MOVIE, NO_TRACKS, run_or_tell, track_run_of
 

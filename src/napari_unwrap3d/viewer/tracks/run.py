@@ -8,20 +8,19 @@ Parameters are those of the viewer's :class:`~..session.Session`, tracks those o
 from __future__ import annotations
 
 import time
-import weakref
 from collections.abc import Callable, Collection
 from functools import partial
 from typing import TYPE_CHECKING, Any, Literal
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Surface, Tracks
 from ...errors import Cancelled, Unwrap3DError
 from ...geometry.apart import apart
 from ...parameters import Parameters
 from ...progress import Progress
-from ..common.per_viewer import PerViewer
-from ..common.threads import Task, quiet_collector, tell
+from ..common.per_viewer import OfViewer, PerViewer
+from ..common.threads import ProgressTask, quiet_collector, tell
 from ..movies.run import movie_run_of
 from ..movies.session import movie_session_of
 from ..session import session_of
@@ -48,7 +47,7 @@ BUSY_MOVIE = "The movie is being made. Wait for it, or cancel it."
 CANCELLED = "Cancelled; the tracks are as they were."
 
 
-class TrackRun(QObject):
+class TrackRun(OfViewer):
     """What tracks and measures the movie of one viewer. Get it with :func:`track_run_of`.
 
     Attributes
@@ -74,15 +73,13 @@ class TrackRun(QObject):
     told = Signal(str)
 
     def __init__(self, viewer: Any, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.session = session_of(viewer)
         self.movies = movie_session_of(viewer)
         self.tracks = tracks_session_of(viewer)
         self.busy_with = ""
         self.failure: tuple[str, str] | None = None
-        self._task: Task | None = None
-        self._progress: Progress | None = None
+        self._task: ProgressTask | None = None
         self._made: dict[str, dict[str, Any]] = {}  # by piece of work: the parameters it was of
         self._measured: Tracks | None = None
         self._closed = False
@@ -90,11 +87,6 @@ class TrackRun(QObject):
         self.movies.movie_changed.connect(self._on_movie)
         self.tracks.shown_changed.connect(self._on_state)
         movie_run_of(viewer).running_changed.connect(self._on_state)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def movie(self) -> Movie | None:
@@ -200,8 +192,8 @@ class TrackRun(QObject):
 
     def cancel(self) -> None:
         """Stop what is going on; returns at once."""
-        if self._progress is not None:
-            self._progress.cancel()
+        if self._task is not None:
+            self._task.cancel()
 
     # Any work in a thread -----------------------------------------------------------
 
@@ -232,8 +224,7 @@ class TrackRun(QObject):
         if self.busy_with:
             raise Unwrap3DError("Something is going on.", hint="Wait for it, or cancel it.")
         self.busy_with, self.failure = what, None
-        self._progress = Progress(_Reporter(what, self.progressed.emit))
-        self._task = Task(work, self._progress)
+        self._task = ProgressTask(work, _Reporter(what, self.progressed.emit))
         self._task.returned.connect(partial(self._on_returned, self.movie, done))
         self._task.failed.connect(self._on_failed)
         quiet_collector.hold(self)
@@ -242,7 +233,7 @@ class TrackRun(QObject):
         self.state_changed.emit()
 
     def _end(self) -> None:
-        self.busy_with, self._task, self._progress = "", None, None
+        self.busy_with, self._task = "", None
         quiet_collector.release(self)
 
     def _on_returned(self, of: Movie | None, done: Callable[[Any], None], result: Any) -> None:
@@ -275,12 +266,6 @@ class TrackRun(QObject):
         if self._task is not None:
             self._task.wait(CLOSE_SECONDS)
         quiet_collector.release(self)
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes: leave no thread behind."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 class _Reporter:

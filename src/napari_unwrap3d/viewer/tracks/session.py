@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import weakref
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
-from qtpy.QtCore import QEvent, QObject, Signal
+from qtpy.QtCore import QObject, Signal
 
 from ...charts import Tracks
 from ...motion.movie import Movie
 from ...tracking.edits import TrackEdits
 from ..annotations.colours import Colour
-from ..common.per_viewer import PerViewer
+from ..common.per_viewer import OfViewer, PerViewer
 from ..common.threads import Task, tell
 from ..common.turns import soon
 from ..movies.session import movie_session_of
@@ -31,7 +30,7 @@ REST_MS = 500
 CLOSE_SECONDS = 5.0
 
 
-class TracksSession(QObject):
+class TracksSession(OfViewer):
     """What one viewer knows about tracks. Get it with :func:`tracks_session_of`.
 
     It follows the movie of the viewer: the tracks that were kept with a movie are shown with it.
@@ -88,8 +87,7 @@ class TracksSession(QObject):
     names_changed = Signal()
 
     def __init__(self, viewer: ViewerModel, parent: QObject | None = None) -> None:
-        super().__init__(parent)
-        self._viewer = weakref.ref(viewer)
+        super().__init__(viewer, parent)
         self.movie: Movie | None = None
         self.name = ""
         self.names: tuple[str, ...] = ()
@@ -111,11 +109,6 @@ class TracksSession(QObject):
         self.movies.movie_changed.connect(self._on_movie)
         if self.movies.movie is not None:
             self._on_movie(self.movies.movie)
-
-    @property
-    def viewer(self) -> Any:
-        """The viewer; None once it is gone."""
-        return self._viewer()
 
     @property
     def timepoint(self) -> int:
@@ -336,12 +329,6 @@ class TracksSession(QObject):
             if task is not None:
                 task.wait(CLOSE_SECONDS)
         self._keeping = self._reading = None
-
-    def eventFilter(self, watched: QObject, event: QEvent) -> bool:
-        """The window closes."""
-        if event.type() == QEvent.Type.Close:
-            self.close()
-        return super().eventFilter(watched, event)
 
 
 def _read(movie: Movie, name: str, show: bool) -> tuple[Movie, tuple[str, ...], str, Tracks | None]:

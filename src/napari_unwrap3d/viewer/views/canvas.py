@@ -28,10 +28,10 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from ..common.notice import Notice, small_button
 from ..common.turns import soon
 from .gl_context import finish_in_own_context
 from .layers import UNWRAPPED, LayerData
-from .notice import Notice, small_button
 from .placing import chart_of, placing
 from .requested import MEANINGS, RequestedCharts
 

@@ -22,10 +22,10 @@ from qtpy.QtWidgets import (
 from ...charts import Stack
 from ...errors import ChartMissingError
 from ...fields import CHARTS, CURVATURE, Colours, Fields, fields_of
+from ..common.notice import small_button
 from ..common.threads import Task, tell
 from ..common.turns import Turns
 from .layers import FRAME, KEY, MISSING, image_layer
-from .notice import small_button
 
 if TYPE_CHECKING:
     from napari.layers import Layer

@@ -8,8 +8,8 @@ from qtpy.QtCore import QObject, Signal
 
 from ...errors import ChartMissingError, Unwrap3DError
 from ...geometry.apart import apart
+from ..common.notice import Notice
 from ..common.threads import Task, tell
-from .notice import Notice
 
 if TYPE_CHECKING:
     from ...atlas import Atlas

@@ -10,8 +10,8 @@ import numpy as np
 from qtpy.QtCore import QEvent, QObject, Qt
 from qtpy.QtWidgets import QDockWidget, QHBoxLayout, QLabel, QPushButton, QWidget
 
+from ..common.notice import small_button
 from .layers import CELL_AT_T, KEY, SPACE
-from .notice import small_button
 from .sources import is_source
 
 if TYPE_CHECKING:
