@@ -11,6 +11,7 @@ import tifffile
 import zarr
 
 from napari_unwrap3d.atlas import Atlas
+from napari_unwrap3d.files import pictures
 from napari_unwrap3d.files.export import export_atlas
 from napari_unwrap3d.files.formats import Formats
 from napari_unwrap3d.files.meshes import read_mesh
@@ -84,6 +85,14 @@ def test_another_export_leaves_nothing_of_the_earlier_one(atlas: Atlas, tmp_path
     assert not [path for path in tmp_path.rglob("*") if "protrusion" in path.name]
 
 
+@pytest.fixture
+def their_picture_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of the pictures, draw that of the protrusions; all are drawn in test_pictures."""
+    few = {"protrusions": pictures.PICTURES["protrusions"]}
+    monkeypatch.setattr(pictures, "PICTURES", few)
+
+
+@pytest.mark.usefixtures("their_picture_only")
 def test_no_protrusions_and_labels_with_gaps_are_written_too(atlas: Atlas, tmp_path: Path) -> None:
     for name, labels in (("gaps", [1, 2]), ("none", [3])):
         edits = ProtrusionEdits(atlas.replaced())
@@ -108,6 +117,7 @@ def test_colours_tell_labels_apart() -> None:
     assert face_labels(np.array([5, 5, 2, 2]), faces).tolist() == [5, 2, 5]
 
 
+@pytest.mark.usefixtures("their_picture_only")
 def test_the_picture_is_drawn_where_there_are_protrusions(atlas: Atlas, tmp_path: Path) -> None:
     few = {"sealed": None, "reference": None, "sphere": None}
     bare = atlas.replaced(**few, on_request={"protrusions": atlas.protrusions})

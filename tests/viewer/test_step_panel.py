@@ -63,7 +63,9 @@ def test_a_dock_and_the_wizard_show_the_same(viewer: Any, qtbot: Any) -> None:
     assert wizard.panels["uv"].mark.text() == "○"
 
 
-def test_the_step_to_run_next_stands_out(viewer: Any, qtbot: Any) -> None:
+def test_progress_is_in_the_panel_that_runs_and_the_next_step_stands_out(
+    viewer: Any, qtbot: Any, fake_pipeline: Any
+) -> None:
     wizard = Wizard(viewer)
     viewer.window.add_dock_widget(wizard)
 
@@ -75,12 +77,29 @@ def test_the_step_to_run_next_stands_out(viewer: Any, qtbot: Any) -> None:
     finish(wizard.session, qtbot, wizard.panels["stack"].run_button)
     assert standing_out() == ["surface"]
     assert "Surface" in wizard.hint.text()
+    # Progress is shown in the panel that runs.
+    fake_pipeline.behaviour["surface"] = 60.0
+    wizard.run_button.click()
+    panel = wizard.panels["surface"]
+    qtbot.waitUntil(lambda: panel.progress_bar.value() == 500, timeout=MS)
+    assert "still computing" in panel.status.text()
+    assert panel.run_button.isHidden()
+    with qtbot.waitSignal(wizard.session.stopped, timeout=MS):
+        QTest.mouseClick(panel.cancel_button, Qt.MouseButton.LeftButton)
+    assert not panel.run_button.isHidden()
+    fake_pipeline.behaviour.clear()
+    # Run all does the rest.
     finish(wizard.session, qtbot, wizard.run_button)
     assert standing_out() == []
     assert "draw on it" in wizard.hint.text()
+    # Nothing is wider than the dock.
+    for panel in wizard.panels.values():
+        panel.expand(True)
+        panel.more.setChecked(True)
+        assert panel.minimumSizeHint().width() <= step_panel.WIDTH
 
 
-def test_a_click_on_the_title_opens_the_parameters(viewer: Any) -> None:
+def test_parameters_are_opened_reset_and_the_iteration_is_where_to_stop(viewer: Any) -> None:
     wizard = Wizard(viewer)
     viewer.window.add_dock_widget(wizard)
     panel = wizard.panels["uv"]
@@ -90,10 +109,7 @@ def test_a_click_on_the_title_opens_the_parameters(viewer: Any) -> None:
     assert panel.form.entries["uv.axis_zyx"].widget.native.isHidden()
     panel.more.click()
     assert not panel.form.entries["uv.axis_zyx"].widget.native.isHidden()
-
-
-def test_reset_goes_back_to_the_preset(viewer: Any) -> None:
-    wizard = Wizard(viewer)
+    # Reset goes back to the preset.
     wizard.preset_box.value = "ruffles"
     panel = wizard.panels["reference"]
     panel.form.entries["reference.delta"].widget.value = "not a number"
@@ -102,10 +118,7 @@ def test_reset_goes_back_to_the_preset(viewer: Any) -> None:
     assert not panel.status.text()
     assert float(panel.form.entries["reference.delta"].value) == 1e-5
     assert wizard.session.parameters.reference.delta == 1e-5
-
-
-def test_who_moves_the_iteration_wants_to_stop_there(viewer: Any) -> None:
-    wizard = Wizard(viewer)
+    # Who moves the iteration wants to stop there.
     panel = wizard.panels["reference"]
     panel.form.entries["reference.fixed_iteration"].widget.value = 7
     chosen = session_of(viewer).parameters.reference
@@ -164,27 +177,3 @@ def test_marks_say_why() -> None:
     assert red != green
     assert "flipped faces: 3" in words
     assert "not one to one" in words
-
-
-def test_progress_is_shown_in_the_panel_that_runs(
-    viewer: Any, qtbot: Any, fake_pipeline: Any
-) -> None:
-    wizard = Wizard(viewer)
-    viewer.window.add_dock_widget(wizard)
-    fake_pipeline.behaviour["surface"] = 60.0
-    wizard.run_button.click()
-    panel = wizard.panels["surface"]
-    qtbot.waitUntil(lambda: panel.progress_bar.value() == 500, timeout=MS)
-    assert "still computing" in panel.status.text()
-    assert panel.run_button.isHidden()
-    with qtbot.waitSignal(wizard.session.stopped, timeout=MS):
-        QTest.mouseClick(panel.cancel_button, Qt.MouseButton.LeftButton)
-    assert not panel.run_button.isHidden()
-
-
-def test_nothing_is_wider_than_the_dock(viewer: Any) -> None:
-    wizard = Wizard(viewer)
-    for panel in wizard.panels.values():
-        panel.expand(True)
-        panel.more.setChecked(True)
-        assert panel.minimumSizeHint().width() <= step_panel.WIDTH

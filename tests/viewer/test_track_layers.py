@@ -17,44 +17,7 @@ from viewer.tracked import CONTROL, OTHER, SHOWN, Tracked
 SPACE, UV = "surface", "uv"
 
 
-def test_tracks_of_a_movie_lie_in_both_canvases_and_follow_the_timeline_both_ways(
-    tracked: Tracked,
-) -> None:
-    window, tracks = tracked, tracked.tracks
-    assert window.tracking.name == SHOWN
-    assert window.tracking.names == (OTHER, SHOWN)
-    lines, on_uv = window.viewer.layers["tracks"], window.canvas.model.layers["tracks"]
-    assert (lines, on_uv) == (window.lines.layer(SPACE), window.lines.layer(UV))
-    own = lines.data[np.asarray(lines.features["track_id"]) <= tracks.ids.max()]
-    assert np.allclose(own[:, 2:], tracks.position_um)
-    assert lines.units[1:] == window.cell.units
-    steps = np.linalg.norm(np.diff(on_uv.data[:, 3:], axis=0), axis=1)
-    assert steps[np.diff(on_uv.data[:, 0]) == 0].max() < tracks.rows
-    for track in (1, 2):
-        pieces = np.asarray(on_uv.features["track_id"])[
-            np.asarray(on_uv.features["track"]) == track
-        ]
-        assert len(set(pieces)) == 2, "it goes over the seam, or over a pole"
-    for timepoint in (2, TIMEPOINTS - 1, 0):
-        window.go_to(timepoint)
-        assert lines.current_time == on_uv.current_time == timepoint
-        for chart, places in ((SPACE, tracks.position_um), (UV, tracks.place_px)):
-            shown = window.heads(chart)
-            assert set(shown) == window.there(timepoint)
-            for track, place in shown.items():
-                assert np.allclose(place, places[window.row(track, timepoint)])
-    # napari's own slider is the same timeline.
-    window.viewer.dims.set_current_step(0, 3)
-    window.wait(lambda: window.session.timepoint == 3)
-    assert set(window.heads(UV)) == window.there(3)
-    # Other tracks that were kept.
-    window.tracking.open(OTHER)
-    window.wait(lambda: window.tracking.name == OTHER)
-    window.drawn()
-    assert set(lines.features["track"]) == {1}
-
-
-def test_a_gate_shows_what_it_lets_through_and_colours_are_the_same_in_every_view(
+def test_gate_colours_and_timeline_are_the_same_in_every_view(
     tracked: Tracked,
 ) -> None:
     window, tracking = tracked, tracked.tracking
@@ -105,6 +68,40 @@ def test_a_gate_shows_what_it_lets_through_and_colours_are_the_same_in_every_vie
     assert np.allclose(layer.track_colors[~others, 3], 1.0)
     tracking.colour_by("no such column")
     assert tracking.column == ""
+
+    # They lie in both canvases, and follow the timeline both ways.
+    tracks = window.tracks
+    assert window.tracking.name == SHOWN
+    assert window.tracking.names == (OTHER, SHOWN)
+    lines, on_uv = window.viewer.layers["tracks"], window.canvas.model.layers["tracks"]
+    assert (lines, on_uv) == (window.lines.layer(SPACE), window.lines.layer(UV))
+    own = lines.data[np.asarray(lines.features["track_id"]) <= tracks.ids.max()]
+    assert np.allclose(own[:, 2:], tracks.position_um)
+    assert lines.units[1:] == window.cell.units
+    steps = np.linalg.norm(np.diff(on_uv.data[:, 3:], axis=0), axis=1)
+    assert steps[np.diff(on_uv.data[:, 0]) == 0].max() < tracks.rows
+    for track in (1, 2):
+        pieces = np.asarray(on_uv.features["track_id"])[
+            np.asarray(on_uv.features["track"]) == track
+        ]
+        assert len(set(pieces)) == 2, "it goes over the seam, or over a pole"
+    for timepoint in (2, TIMEPOINTS - 1, 0):
+        window.go_to(timepoint)
+        assert lines.current_time == on_uv.current_time == timepoint
+        for chart, places in ((SPACE, tracks.position_um), (UV, tracks.place_px)):
+            shown = window.heads(chart)
+            assert set(shown) == window.there(timepoint)
+            for track, place in shown.items():
+                assert np.allclose(place, places[window.row(track, timepoint)])
+    # napari's own slider is the same timeline.
+    window.viewer.dims.set_current_step(0, 3)
+    window.wait(lambda: window.session.timepoint == 3)
+    assert set(window.heads(UV)) == window.there(3)
+    # Other tracks that were kept.
+    window.tracking.open(OTHER)
+    window.wait(lambda: window.tracking.name == OTHER)
+    window.drawn()
+    assert set(lines.features["track"]) == {1}
 
 
 def _same_colours(window: Tracked) -> None:
@@ -206,8 +203,8 @@ def _drag(window: Tracked, start: Any, end: Any) -> None:
     QApplication.processEvents()
 
 
-def test_other_charts_have_no_tracks_and_layers_that_were_removed_come_again(
-    tracked: Tracked,
+def test_other_charts_layers_that_were_removed_and_a_stack_with_channels(
+    tracked: Tracked, capsys: Any
 ) -> None:
     window = tracked
     window.canvas.show_chart("topography")
@@ -239,16 +236,8 @@ def test_other_charts_have_no_tracks_and_layers_that_were_removed_come_again(
         assert window.lines.layer(chart).visible
         assert set(window.lines.layer(chart).features["track"]) == set(window.tracks.ids.tolist())
 
-
-def _zoom(window: Tracked) -> float:
-    """Pixels of the screen for one of the image."""
-    return float(window.canvas.model.scene.camera.zoom)
-
-
-def test_beside_a_stack_with_channels_lines_follow_its_time_and_not_the_channel(
-    tracked: Tracked, capsys: Any
-) -> None:
-    window, viewer = tracked, tracked.viewer
+    # Beside a stack with channels, lines follow its time and not the channel.
+    viewer = window.viewer
     lines = window.lines.layer(SPACE)
     stack = viewer.add_image(
         np.zeros((TIMEPOINTS, 2, 4, 4, 4), np.uint8),
@@ -287,3 +276,8 @@ def test_beside_a_stack_with_channels_lines_follow_its_time_and_not_the_channel(
     assert viewer.layers.extent.units is not None
     viewer.dims.set_current_step(0, 4)
     window.wait(lambda: window.session.timepoint == 4)
+
+
+def _zoom(window: Tracked) -> float:
+    """Pixels of the screen for one of the image."""
+    return float(window.canvas.model.scene.camera.zoom)

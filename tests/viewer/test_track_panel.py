@@ -155,7 +155,13 @@ def test_protrusions_are_followed_with_the_parameters_of_the_form(
     assert panel.run.parameters.tracking.method == "surface"
 
 
-def test_what_is_drawn_gates_the_tracks_as_it_is_drawn(window: Tracked, panel: TracksPanel) -> None:
+def test_tracks_are_gated_by_what_is_drawn_written_and_read_and_their_flow_is_shown(
+    window: Tracked,
+    panel: TracksPanel,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    errors: list[str],
+) -> None:
     tracks, annotations = window.tracks, window.movie.common.annotations
     rows = window.movie.common.uv.shape[0]
     annotations.add("front")
@@ -203,15 +209,7 @@ def test_what_is_drawn_gates_the_tracks_as_it_is_drawn(window: Tracked, panel: T
     choose(gate.outside_box, "")
     settle(window, panel)
     assert window.tracking.shown is window.tracking.tracks
-
-
-def test_tracks_are_written_and_read_again(
-    window: Tracked,
-    panel: TracksPanel,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    errors: list[str],
-) -> None:
+    # Those that are let through are written, and read again.
     window.tracking.set_gate([2, 3, 5])
     path = tmp_path / "some"
     chosen = (str(path), "Table (*.csv)")
@@ -244,6 +242,22 @@ def test_tracks_are_written_and_read_again(
     settle(window, panel)
     assert errors
     assert window.tracking.tracks is found
+    # The flow is shown on the surface.
+    viewer = window.viewer
+    before = viewer.scene.camera.zoom
+    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
+    settle(window, panel)
+    layers = [viewer.layers[name] for name in NAMES.values()]
+    assert [layer.visible for layer in layers] == [True, False, False]
+    surface = window.movie.common.surface
+    for layer in layers:
+        np.testing.assert_array_equal(layer.faces, surface.faces)
+        assert np.isfinite(layer.vertex_values).all()
+    assert layers[0].vertex_values.min() >= 0
+    assert viewer.scene.camera.zoom == before
+    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
+    settle(window, panel)
+    assert sum(layer.name.startswith("flow") for layer in viewer.layers) == len(NAMES)
 
 
 def test_an_import_says_what_it_needs(qtbot: Any) -> None:
@@ -293,21 +307,3 @@ def test_the_wizard_has_a_page_for_the_tracks_of_a_movie(
     window.wait(lambda: not layers.busy)
     assert window.session.wanted == window.session.timepoint == 3
     assert viewer.dims.current_step[0] == 3
-
-
-def test_the_flow_is_shown_on_the_surface(window: Tracked, panel: TracksPanel) -> None:
-    viewer = window.viewer
-    before = viewer.scene.camera.zoom
-    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
-    settle(window, panel)
-    layers = [viewer.layers[name] for name in NAMES.values()]
-    assert [layer.visible for layer in layers] == [True, False, False]
-    surface = window.movie.common.surface
-    for layer in layers:
-        np.testing.assert_array_equal(layer.faces, surface.faces)
-        assert np.isfinite(layer.vertex_values).all()
-    assert layers[0].vertex_values.min() >= 0
-    assert viewer.scene.camera.zoom == before
-    QTest.mouseClick(panel.sections["flow"].fields_button, LEFT)
-    settle(window, panel)
-    assert sum(layer.name.startswith("flow") for layer in viewer.layers) == len(NAMES)

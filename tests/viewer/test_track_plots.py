@@ -124,8 +124,8 @@ def test_tracks_are_measured_in_a_thread_and_drawn(
     assert not dock.measure_button.isEnabled()
 
 
-def test_a_click_selects_a_track_everywhere_and_is_seen(
-    window: Tracked, dock: TrackPlotsDock
+def test_a_click_selects_a_track_and_what_was_measured_ages_and_is_renewed(
+    window: Tracked, dock: TrackPlotsDock, threads: list[Any], tmp_path: Path
 ) -> None:
     before = measure(window, dock)
     QTest.mouseClick(dock.plot, LEFT, NONE, on_curve(dock, 5))
@@ -166,12 +166,7 @@ def test_a_click_selects_a_track_everywhere_and_is_seen(
         QApplication.processEvents()
     drawn = shown(window, dock)
     assert drawn.picture.shape[1] == round(dock.plot.width() * dock.plot.devicePixelRatioF())
-
-
-def test_what_was_measured_ages_is_renewed_and_written(
-    window: Tracked, dock: TrackPlotsDock, threads: list[Any], tmp_path: Path
-) -> None:
-    measure(window, dock)
+    # What was measured ages, is renewed and written.
     assert not dock.stale.isVisible()
     window.tracking.set_gate([1, 2, 3, 4])
     assert dock.stale.isVisible()

@@ -61,7 +61,9 @@ def charts(viewer: napari.Viewer) -> dict[str, Any]:
 
 
 @pytest.mark.usefixtures("every_chart")
-def test_run_adds_every_chart(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
+def test_run_adds_every_chart_and_save_writes_the_project(
+    dock: Dock, qtbot: Any, fake_pipeline: Any, tmp_path: Path
+) -> None:
     viewer, widget = dock(**UM)
     run(widget, qtbot)
     shown = charts(viewer)
@@ -75,10 +77,15 @@ def test_run_adds_every_chart(dock: Dock, qtbot: Any, fake_pipeline: Any) -> Non
     assert widget.save_button.isEnabled()
     (pipeline,) = fake_pipeline.made
     assert threading.main_thread().name not in pipeline.threads
+    # Saving writes the project.
+    widget.save(tmp_path / "cell.unwrap3d")
+    qtbot.waitUntil(lambda: "Saved" in widget.message.text(), timeout=SECONDS)
+    qtbot.waitUntil(widget.save_button.isEnabled, timeout=SECONDS)
+    assert read_summary(tmp_path / "cell.unwrap3d")
 
 
-def test_a_second_run_computes_what_changed_and_replaces_in_place(
-    dock: Dock, qtbot: Any, fake_pipeline: Any
+def test_further_runs_compute_what_changed_and_bring_back_what_is_gone(
+    dock: Dock, qtbot: Any, fake_pipeline: Any, tmp_path: Path, errors: list[str]
 ) -> None:
     viewer, widget = dock(**UM)
     run(widget, qtbot)
@@ -97,15 +104,17 @@ def test_a_second_run_computes_what_changed_and_replaces_in_place(
     assert pipeline.computed == [list(STEP_NAMES), ["sphere", "uv", "topography"]]
     assert charts(viewer) == before
     assert viewer.dims.ndisplay == 2, "the view is the user's after the first run"
-
-
-def test_a_removed_chart_comes_back_with_the_next_run(dock: Dock, qtbot: Any) -> None:
-    viewer, widget = dock(**UM)
-    run(widget, qtbot)
+    # A removed chart comes back with the next run.
     for name in ("sphere", "sphere (conformal)"):
         viewer.layers.remove(viewer.layers[name])
     run(widget, qtbot)
     assert "sphere" in charts(viewer)
+    # A failed save is told.
+    (tmp_path / "not a folder").touch()
+    widget.save(tmp_path / "not a folder" / "cell.unwrap3d")
+    qtbot.waitUntil(lambda: bool(errors), timeout=SECONDS)
+    assert "not a folder" in errors[0]
+    qtbot.waitUntil(widget.save_button.isEnabled, timeout=SECONDS)
 
 
 def test_paint_on_the_labels_starts_anew(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
@@ -119,8 +128,22 @@ def test_paint_on_the_labels_starts_anew(dock: Dock, qtbot: Any, fake_pipeline: 
     assert len(fake_pipeline.made) == 2
 
 
-def test_charts_appear_while_the_run_goes_on(dock: Dock, qtbot: Any, fake_pipeline: Any) -> None:
+def test_progress_is_seen_charts_appear_meanwhile_and_cancel_stops_the_step_at_once(
+    dock: Dock, qtbot: Any, fake_pipeline: Any, errors: list[str]
+) -> None:
     viewer, widget = dock(**UM)
+    # Progress is seen as soon as Run is pressed, and names the first step before it ends.
+    fake_pipeline.behaviour["stack"] = 60.0
+    qtbot.mouseClick(widget.run_button, Qt.MouseButton.LeftButton)
+    assert widget.progress_bar.isVisibleTo(widget), "without a turn of the event loop"
+    qtbot.waitUntil(lambda: "Stack" in widget.progress_bar.format(), timeout=SECONDS)
+    assert widget.progress_bar.isVisibleTo(widget)
+    assert "stack" in widget.message.text()
+    assert not fake_pipeline.made[0].kept, "no step has ended"
+    widget.cancel_button.click()
+    qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
+    # Charts appear while the run goes on.
+    fake_pipeline.behaviour.clear()
     fake_pipeline.behaviour["sphere"] = 60.0
     widget.run_button.click()
     qtbot.waitUntil(lambda: "reference" in charts(viewer), timeout=SECONDS)
@@ -133,12 +156,8 @@ def test_charts_appear_while_the_run_goes_on(dock: Dock, qtbot: Any, fake_pipeli
     assert not widget.run_button.isEnabled()
     widget.cancel_button.click()
     qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
-
-
-def test_cancel_stops_the_step_at_once_and_the_next_run_goes_on(
-    dock: Dock, qtbot: Any, fake_pipeline: Any, errors: list[str]
-) -> None:
-    _, widget = dock(**UM)
+    # Cancelled at a step, the next run goes on there.
+    fake_pipeline.behaviour.clear()
     fake_pipeline.behaviour["uv"] = 60.0
     widget.run_button.click()
     qtbot.waitUntil(lambda: widget.session.steps["uv"].state == "running", timeout=SECONDS)
@@ -151,23 +170,10 @@ def test_cancel_stops_the_step_at_once_and_the_next_run_goes_on(
     assert not errors, "the user asked for it"
     fake_pipeline.behaviour.clear()
     run(widget, qtbot)
-    assert fake_pipeline.made[0].computed[-1] == ["uv", "topography"]
+    assert fake_pipeline.made[-1].computed[-1] == ["uv", "topography"]
 
 
-def test_an_error_of_ours_is_told_with_its_hint(
-    dock: Dock, qtbot: Any, fake_pipeline: Any, errors: list[str]
-) -> None:
-    _, widget = dock(**UM)
-    fake_pipeline.behaviour["sphere"] = NotGenusZeroError("Not a ball.", genus=3, hint="Seal it.")
-    run(widget, qtbot)
-    assert errors == ["Not a ball. Measured: genus = 3. Seal it."]
-    assert widget.message.text() == errors[0]
-    assert widget.session.steps["sphere"].state == "failed"
-    assert widget.session.steps["reference"].state == "done"
-    assert widget.run_button.isEnabled()
-
-
-def test_an_unexpected_error_is_not_swallowed(
+def test_an_unexpected_error_is_not_swallowed_and_one_of_ours_is_told_with_its_hint(
     dock: Dock, qtbot: Any, fake_pipeline: Any, errors: list[str]
 ) -> None:
     _, widget = dock(**UM)
@@ -176,6 +182,16 @@ def test_an_unexpected_error_is_not_swallowed(
     assert errors == ["a bug"]
     assert "ZeroDivisionError" in widget.message.text()
     assert widget.session.steps["reference"].state == "failed"
+    assert widget.run_button.isEnabled()
+    # One of ours is told with its hint.
+    errors.clear()
+    fake_pipeline.behaviour.clear()
+    fake_pipeline.behaviour["sphere"] = NotGenusZeroError("Not a ball.", genus=3, hint="Seal it.")
+    run(widget, qtbot)
+    assert errors == ["Not a ball. Measured: genus = 3. Seal it."]
+    assert widget.message.text() == errors[0]
+    assert widget.session.steps["sphere"].state == "failed"
+    assert widget.session.steps["reference"].state == "done"
     assert widget.run_button.isEnabled()
 
 
@@ -315,31 +331,6 @@ def test_two_viewers_have_two_sessions(dock: Dock, qtbot: Any) -> None:
     assert charts(second)
 
 
-def test_progress_is_seen_as_soon_as_run_is_pressed(
-    dock: Dock, qtbot: Any, fake_pipeline: Any
-) -> None:
-    _, widget = dock(**UM)
-    fake_pipeline.behaviour["stack"] = 60.0
-    widget.run_button.click()
-    assert widget.progress_bar.isVisibleTo(widget), "without a turn of the event loop"
-    widget.cancel_button.click()
-    qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
-
-
-def test_progress_names_the_first_step_before_it_ends(
-    dock: Dock, qtbot: Any, fake_pipeline: Any
-) -> None:
-    _, widget = dock(**UM)
-    fake_pipeline.behaviour["stack"] = 60.0
-    qtbot.mouseClick(widget.run_button, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: "Stack" in widget.progress_bar.format(), timeout=SECONDS)
-    assert widget.progress_bar.isVisibleTo(widget)
-    assert "stack" in widget.message.text()
-    assert not fake_pipeline.made[0].kept, "no step has ended"
-    widget.cancel_button.click()
-    qtbot.waitUntil(lambda: not widget.session.running, timeout=SECONDS)
-
-
 def test_each_chart_is_there_before_the_next_but_one_step_ends(
     dock: Dock, qtbot: Any, fake_pipeline: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -365,26 +356,6 @@ def test_each_chart_is_there_before_the_next_but_one_step_ends(
     run(widget, qtbot)
     assert not missed
     assert all(each.is_set() for each in there.values())
-
-
-@pytest.mark.usefixtures("every_chart")
-def test_save_writes_the_project(dock: Dock, qtbot: Any, tmp_path: Path) -> None:
-    _, widget = dock(**UM)
-    run(widget, qtbot)
-    widget.save(tmp_path / "cell.unwrap3d")
-    qtbot.waitUntil(lambda: "Saved" in widget.message.text(), timeout=SECONDS)
-    qtbot.waitUntil(widget.save_button.isEnabled, timeout=SECONDS)
-    assert read_summary(tmp_path / "cell.unwrap3d")
-
-
-def test_a_failed_save_is_told(dock: Dock, qtbot: Any, tmp_path: Path, errors: list[str]) -> None:
-    _, widget = dock(**UM)
-    run(widget, qtbot)
-    (tmp_path / "not a folder").touch()
-    widget.save(tmp_path / "not a folder" / "cell.unwrap3d")
-    qtbot.waitUntil(lambda: bool(errors), timeout=SECONDS)
-    assert "not a folder" in errors[0]
-    qtbot.waitUntil(widget.save_button.isEnabled, timeout=SECONDS)
 
 
 @pytest.mark.usefixtures("every_chart")
