@@ -14,6 +14,7 @@ from napari_unwrap3d.progress import silent
 from napari_unwrap3d.unwrapping.direct import registration, spokesmen
 from napari_unwrap3d.unwrapping.surface import same_mesh
 from napari_unwrap3d.unwrapping.uv import direction_to_uv, uv_to_direction
+from pipelines import copy_of
 from shapes import QUICK, icosphere, small_cell_mask
 
 ROWS = 64
@@ -23,8 +24,8 @@ DIRECT = Parameters.from_dict(
 
 
 @pytest.fixture(scope="module")
-def atlas() -> Atlas:
-    return unwrap(small_cell_mask(), DIRECT)
+def atlas(small_pipeline: Pipeline) -> Atlas:
+    return copy_of(small_pipeline).run(DIRECT)
 
 
 @pytest.fixture(scope="module")
@@ -40,8 +41,8 @@ def regions(atlas: Atlas, seed: int = 0) -> np.ndarray:
     return np.linalg.norm(vertices[:, None] - seeds[None], axis=2).argmin(axis=1) + 1
 
 
-def test_it_is_computed_when_it_is_first_read(atlas: Atlas) -> None:
-    fresh = unwrap(small_cell_mask(), DIRECT)
+def test_it_is_computed_when_it_is_first_read(atlas: Atlas, small_pipeline: Pipeline) -> None:
+    fresh = copy_of(small_pipeline).run(DIRECT)
     assert not fresh.has("direct")
     assert "direct" not in fresh.quality
     chart = fresh.direct
@@ -49,13 +50,14 @@ def test_it_is_computed_when_it_is_first_read(atlas: Atlas) -> None:
     assert fresh.quality["direct"]["certified"] is True
     assert fresh.direct is chart
     np.testing.assert_array_equal(chart.vertices, atlas.direct.vertices)
-    partial = Pipeline(small_cell_mask()).run(DIRECT, until="uv")
+    earlier = {name: kept for name, kept in small_pipeline.kept.items() if name != "topography"}
+    partial = Pipeline(small_pipeline.source, earlier).run(DIRECT, until="uv")
     with pytest.raises(ChartMissingError):
         _ = partial.direct
 
 
-def test_the_pipeline_runs_it_when_asked() -> None:
-    pipeline = Pipeline(small_cell_mask())
+def test_the_pipeline_runs_it_when_asked(small_pipeline: Pipeline) -> None:
+    pipeline = copy_of(small_pipeline)
     assert pipeline.run(DIRECT, until="direct").has("direct")
     assert pipeline.state(DIRECT)["direct"] == "done"
     changed = DIRECT.model_copy(update={"direct": DIRECT.direct.model_copy(update={"sweeps": 6})})

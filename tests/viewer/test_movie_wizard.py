@@ -72,27 +72,9 @@ def pieces(director: Director) -> dict[str, int]:
     }
 
 
-def test_run_makes_a_movie_that_is_shown(direct: Callable[..., Director]) -> None:
-    director = direct(**TIMED)
-    threads = set()
-    director.run.progressed.connect(lambda *_: threads.add(threading.current_thread().name))
-    director.run_all()
-    assert director.states() == dict.fromkeys(STAGES, DONE)
-    assert director.panel.message.text() == "Done."
-    assert not director.panel.failures.isVisibleTo(director.panel)
-    movie = director.movies.movie
-    assert movie is not None
-    assert len(movie) == TIMEPOINTS
-    assert all(movie.has_frame(t) for t in range(TIMEPOINTS))
-    assert director.session.atlas is movie.common
-    director.wait(lambda: director.movies.made == frozenset(range(TIMEPOINTS)))
-    director.wait(lambda: "cell at t" in director.viewer.layers)
-    # The window was never used for work.
-    assert threads == {threading.main_thread().name}
-    assert not any(THREAD_NAME in name for name in threads)
-
-
-def test_a_time_step_is_asked_for_and_never_guessed(direct: Callable[..., Director]) -> None:
+def test_a_time_step_is_asked_for_and_run_all_makes_a_movie_that_is_shown(
+    direct: Callable[..., Director],
+) -> None:
     director = direct(scale=(1.0, *SCALE), units=("pixel", *UM), axis_labels=tuple("tzyx"))
     chooser = director.panel.chooser
     assert director.run.chosen.blocked() == ASK_TIME_STEP
@@ -111,6 +93,23 @@ def test_a_time_step_is_asked_for_and_never_guessed(direct: Callable[..., Direct
     working = director.run.working
     assert working is not None
     assert Movie(working.folder).time_step_s == 2.5
+    # Run all makes a movie, which is shown.
+    threads = set()
+    director.run.progressed.connect(lambda *_: threads.add(threading.current_thread().name))
+    director.run_all()
+    assert director.states() == dict.fromkeys(STAGES, DONE)
+    assert director.panel.message.text() == "Done."
+    assert not director.panel.failures.isVisibleTo(director.panel)
+    movie = director.movies.movie
+    assert movie is not None
+    assert len(movie) == TIMEPOINTS
+    assert all(movie.has_frame(t) for t in range(TIMEPOINTS))
+    assert director.session.atlas is movie.common
+    director.wait(lambda: director.movies.made == frozenset(range(TIMEPOINTS)))
+    director.wait(lambda: "cell at t" in director.viewer.layers)
+    # The window was never used for work.
+    assert threads == {threading.main_thread().name}
+    assert not any(THREAD_NAME in name for name in threads)
 
 
 def test_a_window_without_a_timelapse_says_what_to_open(direct: Callable[..., Director]) -> None:
@@ -124,7 +123,9 @@ def test_a_window_without_a_timelapse_says_what_to_open(direct: Callable[..., Di
     assert not director.panel.run_button.isEnabled()
 
 
-def test_an_opened_movie_is_gone_on_with_and_ages_with_the_parameters(opened: Director) -> None:
+def test_an_opened_movie_is_gone_on_with_ages_and_can_be_cancelled(
+    opened: Director, monkeypatch: pytest.MonkeyPatch
+) -> None:
     assert opened.states() == dict.fromkeys(STAGES, DONE)
     before = pieces(opened)
     opened.run_all()
@@ -147,9 +148,7 @@ def test_an_opened_movie_is_gone_on_with_and_ages_with_the_parameters(opened: Di
     assert anew == {"frames", "movie.json"}
     assert opened.session.atlas is common, "the common space stays as it is shown"
     opened.wait(lambda: len(opened.movies.made) == len(opened.movies.movie or ()))
-
-
-def test_cancel_keeps_what_was_made(opened: Director, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Cancelling keeps what was made.
     assert opened.run.working is not None
     for timepoint in (1, 2, 3):
         (opened.run.working.path / "frames" / f"{timepoint:05d}.zip").unlink()
