@@ -15,7 +15,7 @@ from napari_unwrap3d.viewer.steps.computing import Known
 from napari_unwrap3d.viewer.views.canvas import UnwrappedCanvas, canvas_of
 from napari_unwrap3d.viewer.views.layers import Layout, atlas_charts, chart_layers
 
-SECONDS = 20_000
+SECONDS = 60_000
 
 
 def ramp_stack(atlas: Atlas) -> Stack:

@@ -91,7 +91,7 @@ class Projector:
         return self.canvas.qt_viewer.canvas.native
 
     def wait(self, condition: Any) -> None:
-        self.qtbot.waitUntil(condition, timeout=20_000)
+        self.qtbot.waitUntil(condition, timeout=60_000)
 
     def settle(self) -> None:
         """Wait until the field is on every layer."""

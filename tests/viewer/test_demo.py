@@ -44,7 +44,7 @@ def test_the_main_job_in_a_window(make_napari_viewer: Any, qtbot: Any, tmp_path:
     done: list[napari.Viewer] = []
     output = tmp_path / "cell.unwrap3d"
     widget = demo.start_demo(viewer, "blebs", output, SMALL, done.append, size=80)
-    qtbot.waitUntil(lambda: bool(done), timeout=120_000)
+    qtbot.waitUntil(lambda: bool(done), timeout=160_000)
     assert widget.session.atlas is not None, widget.message.text()
     layers = [*viewer.layers, *canvas_of(viewer).model.layers]
     shown = {chart_of(layer) for layer in layers}
@@ -52,8 +52,8 @@ def test_the_main_job_in_a_window(make_napari_viewer: Any, qtbot: Any, tmp_path:
     assert all(widget.session.steps[name].seconds is not None for name in STEP_NAMES)
     for name in STEP_NAMES:
         assert widget.panels[name].status.text(), name
-    qtbot.waitUntil(output.exists, timeout=20_000)
-    qtbot.waitUntil(lambda: "Saved" in widget.message.text(), timeout=20_000)
+    qtbot.waitUntil(output.exists, timeout=60_000)
+    qtbot.waitUntil(lambda: "Saved" in widget.message.text(), timeout=60_000)
 
 
 @pytest.fixture

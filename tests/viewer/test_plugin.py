@@ -38,7 +38,7 @@ def test_sample_dock_widget_and_run(plugin: Any, qtbot: Any, fake_pipeline: Any)
     assert isinstance(widget, Wizard)
     assert widget.chooser.layer_box.value.name == "blebs", "the stack, not its truth"
     assert widget.run_button.isEnabled()
-    with qtbot.waitSignal(widget.session.finished, timeout=20_000):
+    with qtbot.waitSignal(widget.session.finished, timeout=60_000):
         widget.run_button.click()
     assert "surface" in {chart_of(layer) for layer in viewer.layers}
 
@@ -79,7 +79,7 @@ def test_a_project_opens_with_its_charts(
     path = save_project(round_cell, tmp_path / "cell.unwrap3d")
     assert viewer.open(str(path), plugin=PLUGIN) == []
     session = session_of(viewer)
-    qtbot.waitUntil(lambda: session.atlas is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: session.atlas is not None, timeout=60_000)
     layers = [*viewer.layers, *canvas_of(viewer).model.layers]
     meshes = {"mask", "surface", "sealed", "reference", "sphere"}
     assert {chart_of(layer) for layer in layers} - {""} == meshes | {"uv", "topography"}

@@ -17,7 +17,7 @@ from napari_unwrap3d.viewer.steps.texts import status_of
 from viewer.protruding import LEFT
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
-MS = 20_000
+MS = 60_000
 
 
 @pytest.fixture

@@ -16,7 +16,7 @@ from napari_unwrap3d.viewer import session as module
 from napari_unwrap3d.viewer.session import Session, session_of
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
-MS = 20_000
+MS = 60_000
 
 
 @pytest.fixture

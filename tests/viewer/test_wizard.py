@@ -25,7 +25,7 @@ from napari_unwrap3d.viewer.wizard import Wizard
 from synthetic import icosphere
 
 UM = {"scale": (0.3, 0.2, 0.2), "units": ("µm",) * 3, "axis_labels": ("z", "y", "x")}
-SECONDS = 20_000
+SECONDS = 60_000
 
 Dock = Callable[..., tuple[napari.Viewer, Wizard]]
 
