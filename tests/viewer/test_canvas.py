@@ -215,18 +215,13 @@ def test_keys_work_in_the_canvas_that_has_the_focus(
     assert viewer.scene.camera.zoom == zoom
 
 
-def test_the_theme_follows_the_window(
+def test_the_theme_follows_the_window_and_help_says_what_keys_do(
     make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas
 ) -> None:
     viewer = make_napari_viewer()
     canvas = open_atlas(viewer, small_atlas, qtbot)
     viewer.theme = "light"
     assert canvas.model.theme == "light"
-
-
-def test_help_says_what_buttons_and_keys_do(
-    make_napari_viewer: Any, qtbot: Any, small_atlas: Atlas
-) -> None:
-    canvas = open_atlas(make_napari_viewer(), small_atlas, qtbot)
+    # Its help says what buttons and keys do.
     for words in ("drag", "wheel", "Ctrl", "3D"):
         assert words in canvas.help_button.toolTip()

@@ -62,10 +62,16 @@ def leave(canvas: UnwrappedCanvas, qtbot: Any) -> None:
     qtbot.waitUntil(left, timeout=SECONDS)
 
 
-def test_a_place_in_uv_is_marked_on_the_surface(
+def test_leaving_is_noticed_and_a_place_in_uv_is_marked_on_the_surface(
     window: Window, qtbot: Any, small_atlas: Atlas
 ) -> None:
+    # Leaving is noticed even if entering was not.
     viewer, canvas = window
+    leave(canvas, qtbot)
+    middle = canvas.qt_viewer.canvas.native.rect().center()
+    hover(canvas.qt_viewer, lambda: middle, lambda: canvas.cursor.place is not None, qtbot)
+    leave(canvas, qtbot)
+    # A place in uv is marked on the surface.
     cursor = canvas.cursor
     before = [list(viewer.layers), list(canvas.model.layers), viewer.layers.selection.active]
     target = np.array([20.0, 45.0])
@@ -95,15 +101,7 @@ def test_a_place_in_uv_is_marked_on_the_surface(
     assert canvas.status.text() == ""
 
 
-def test_leaving_is_noticed_even_if_entering_was_not(window: Window, qtbot: Any) -> None:
-    _, canvas = window
-    leave(canvas, qtbot)
-    middle = canvas.qt_viewer.canvas.native.rect().center()
-    hover(canvas.qt_viewer, lambda: middle, lambda: canvas.cursor.place is not None, qtbot)
-    leave(canvas, qtbot)
-
-
-def test_a_place_on_the_surface_is_marked_in_every_chart(
+def test_a_place_on_the_surface_is_marked_in_every_chart_and_in_its_slice(
     window: Window, qtbot: Any, small_atlas: Atlas
 ) -> None:
     viewer, canvas = window
@@ -131,11 +129,7 @@ def test_a_place_on_the_surface_is_marked_in_every_chart(
     np.testing.assert_allclose(cursor.marks_unwrapped.positions[0][-2:], place.uv)
     hover(main, lambda: QPoint(2, 2), lambda: cursor.place is None, qtbot)
     assert not cursor.marks_unwrapped.visible
-
-
-def test_in_a_slice_only_a_place_in_it_is_marked(window: Window, small_atlas: Atlas) -> None:
-    viewer, canvas = window
-    cursor = canvas.cursor
+    # In a slice, only a place in it is marked.
     place = cursor._places.at_pixel("uv", (20, 45))
     viewer.dims.ndisplay = 2
     viewer.dims.set_point(0, place.position[0])
