@@ -235,11 +235,13 @@ def test_several_masks_are_a_timelapse(direct: Callable[..., Director]) -> None:
         director.viewer.add_image(mask, name=f"mask {t}", scale=SCALE, units=UM)
     (candidate,) = director.run.chosen.candidates()
     assert candidate.timepoints == TIMEPOINTS
+    assert director.run.chosen.source == candidate, "those that came after the second one, too"
     director.fill_in(director.panel.chooser.time_step, str(TIME_STEP_S))
     director.click(director.panel.sections["common"].run_button)
     director.wait(lambda: director.run.running)
     director.end()
     assert director.movies.movie is not None
+    assert len(director.movies.movie) == TIMEPOINTS
     # The solid of the common space is no timepoint.
     assert [each.timepoints for each in director.run.chosen.candidates()] == [TIMEPOINTS]
 

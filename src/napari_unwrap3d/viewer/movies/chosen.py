@@ -111,7 +111,16 @@ class ChosenTimelapse(QObject):
             self.choose(None)
         if self.source is None:
             self._choose_first()
+        else:
+            self._grow(self.source)
         self.listed.emit()
+
+    def _grow(self, source: Candidate) -> None:
+        """Masks or meshes come one by one, each of them a timepoint."""
+        chosen = set(source.layers)
+        for each in self.candidates() if len(chosen) > 1 else ():
+            if chosen < set(each.layers):
+                self.choose(each, self._voxel_size, self._time_step)
 
     def _choose_first(self) -> None:
         found = self.candidates()
