@@ -57,7 +57,7 @@ from napari_unwrap3d.unwrapping.uv import direction_to_uv, uv_to_direction
 
 SEEDS = (0, 1, 2)
 PARTS = ("events", "lag", "mean", "correlation", "time")
-BLEBS, RUFFLES = 50, 30
+BLEBS, RUFFLES = 50, 90
 PAIRED_S = 6.0
 CORRELATIONS = (0.2, 0.5)
 # The paper samples signals of ruffles as the mean along 1 µm inwards.
