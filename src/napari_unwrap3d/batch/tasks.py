@@ -9,13 +9,13 @@ from pathlib import Path
 
 from ..files.movie import MovieFolder
 from ..motion.stages import stages
-from .jobs import Job
+from .jobs import PROTRUSIONS, Job
 from .result import Row
 from .worker import CELL, Done
 
 # These need nothing of other timepoints: one piece of work.
 TOGETHER = ("register", "segment")
-FRAME, PROTRUSIONS = "frame", "protrusions"
+FRAME = "frame"
 
 
 @dataclass

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import logging
-
 import numpy as np
 import numpy.typing as npt
 from scipy import ndimage
@@ -16,8 +14,6 @@ from ..parameters import StackParameters
 from ..progress import Progress
 from .enhance import Image, enhanced
 from .resample import interpolate_axis
-
-logger = logging.getLogger(__name__)
 
 # Smoothing by less than this does nothing.
 SMALLEST_SIGMA = 0.3

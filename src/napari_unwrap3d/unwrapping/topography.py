@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 from dataclasses import replace
 from typing import Any
 
@@ -42,8 +41,6 @@ from .active_contour import automatic_step, contour_nodes
 from .normal_field import NormalField, normal_field
 from .topographic_surface import cut_at_seam, faces_in_columns, mesh_mapped_mask
 from .uv import uv_to_direction
-
-logger = logging.getLogger(__name__)
 
 PAPER_DEPTH_VOXELS = 20.0
 COLUMNS_PER_BLOCK = 8192

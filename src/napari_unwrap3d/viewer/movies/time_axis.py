@@ -112,15 +112,12 @@ class TimeScale:
     ----------
     axis : int
         Of the canvas.
-    from_end : int
-        The same counted from its last axis, which is -1.
     start, step : float
         Where timepoint 0 is on it, and how far one timepoint is from the next.
     unit : str
     """
 
     axis: int
-    from_end: int
     start: float
     step: float
     unit: str
@@ -149,10 +146,9 @@ def time_scale(model: ViewerModel, count: int) -> TimeScale | None:
     for layer in layers:
         place = _time_axis(layer, count)
         if place is not None:
-            from_end = int(place - layer.ndim)
+            axis = int(model.dims.ndim - layer.ndim + place)
             start, step = float(layer.translate[place]), float(layer.scale[place])
-            axis = int(model.dims.ndim + from_end)
-            return TimeScale(axis, from_end, start, step, str(layer.units[place]))
+            return TimeScale(axis, start, step, str(layer.units[place]))
     return None
 
 

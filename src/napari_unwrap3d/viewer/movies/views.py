@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import weakref
 from collections.abc import Iterator
 from functools import partial
@@ -24,7 +23,6 @@ if TYPE_CHECKING:
     from .session import MovieSession
     from .time_axis import TimeAxis
 
-logger = logging.getLogger(__name__)
 
 CLOSE_SECONDS = 5.0
 # The layer of what the common space was made from.

@@ -14,7 +14,7 @@ from qtpy.QtCore import QEvent, QObject
 from ...charts import Floats, Tracks
 from ...tracking.lines import TrackLines, lines_in_space, lines_on_uv
 from ..common.turns import Turns, soon
-from ..movies.time_axis import time_scale
+from ..movies.time_axis import TimeScale, time_scale
 from ..session import session_of
 from ..views.canvas import canvas_of, open_canvas
 from ..views.far_side import FarSide
@@ -158,7 +158,8 @@ class TrackLayers(QObject):
         viewer, layer = self._viewer(), self._layers.get(IN_SPACE)
         if viewer is not None and layer is not None and layer in viewer.layers:
             tracks = layer.metadata[KEY]["tracks"]
-            if _beside_channels(viewer, tracks.timepoints) != (layer.timepoint is not None):
+            time = time_scale(viewer, tracks.timepoints)
+            if _beside_channels(viewer, time) != (layer.timepoint is not None):
                 self._place(IN_SPACE, tracks)
 
     def _tell_time(self) -> None:
@@ -167,7 +168,8 @@ class TrackLayers(QObject):
         if viewer is None or layer is None:
             return
         movies, tracks = self._session.movies, layer.metadata[KEY]["tracks"]
-        told = movies.movie is not None and _beside_channels(viewer, tracks.timepoints)
+        time = time_scale(viewer, tracks.timepoints)
+        told = movies.movie is not None and _beside_channels(viewer, time)
         layer.timepoint = movies.timepoint if told else None
 
     def _adding(self, chart: str, tracks: Tracks) -> Iterator[None]:
@@ -227,7 +229,7 @@ class TrackLayers(QObject):
             return {"units": (PIXELS,) * 4}
         time = time_scale(viewer, tracks.timepoints)
         start, step, unit = (0.0, tracks.time_step_s, SECOND)
-        if _beside_channels(viewer, tracks.timepoints):
+        if _beside_channels(viewer, time):
             start, step, unit = (0.0, 1.0, _unit_before_space(viewer))
         elif time is not None:
             start, step, unit = time.start, time.step, time.unit
@@ -379,10 +381,9 @@ def origin_of(viewer: Any) -> tuple[float, float, float]:
     return float(z), float(y), float(x)
 
 
-def _beside_channels(viewer: ViewerModel, timepoints: int) -> bool:
+def _beside_channels(viewer: ViewerModel, time: TimeScale | None) -> bool:
     """Whether the axis before z is another one than the time of a movie."""
-    time = time_scale(viewer, timepoints)
-    return time is not None and time.from_end != -len(AXES[IN_SPACE])
+    return time is not None and time.axis != viewer.dims.ndim - len(AXES[IN_SPACE])
 
 
 def _unit_before_space(viewer: ViewerModel) -> str:
