@@ -19,17 +19,16 @@ from qtpy.QtWidgets import (
 )
 
 from ...charts import Floats
-from ...errors import InputError, Unwrap3DError
+from ...errors import InputError
 from ...motion.kymograph import BETWEEN, Kymograph, broken_at_seam, kymograph, line_on_surface
 from ...motion.kymograph import surface_line as measured
 from ...motion.uv_stacks import UvStacks, field_label
 from ..common.connections import end_with_dock
-from ..common.docking import Docked
 from ..common.notice import small_button
 from ..common.threads import Task, tell
-from ..common.turns import soon
 from ..views.canvas import open_canvas
 from ..views.shown_colours import shown_colours
+from .computing_dock import ComputingDock
 from .kymograph_plot import KymographPlot
 from .session import movie_session_of
 from .surface_lines import LineLayers
@@ -55,7 +54,7 @@ SAMPLE = 200_000
 LIFT_VOXELS = 0.6
 
 
-class KymographDock(Docked):
+class KymographDock(ComputingDock):
     """Draw a line, and see what happens along it.
 
     Parameters
@@ -70,12 +69,9 @@ class KymographDock(Docked):
         self.lines = LineLayers(viewer, self, self._later)
         self.found: Kymograph | None = None
         self._stacks: tuple[Any, str, UvStacks] | None = None
-        self._task: Task | None = None
         self._writing: Task | None = None
-        self._again = False
         self._following: Any = None
         self._build()
-        self._wait = soon(self, self._compute)
         self._connect()
         self._on_movie(self.session.movie)
         viewer.window._qt_window.installEventFilter(self)
@@ -186,9 +182,6 @@ class KymographDock(Docked):
         elif self.lines.draw() is None:
             tell(InputError("There is no uv image yet.", hint="Show the movie's common space."))
 
-    def _later(self, _: Any = None) -> None:
-        self._wait.start()
-
     def _compute(self) -> None:
         """Compute in a thread; what changes meanwhile is computed after it."""
         movie, corners = self.session.movie, self.lines.corners
@@ -201,14 +194,14 @@ class KymographDock(Docked):
             self.plot.hide()
             self.status.setText(HELP if movie is not None else "There is no movie.")
             return
-        if self._task is not None:
-            self._again = True
+        if self._postponed():
             return
         kept = self._stacks
         stacks = kept[2] if kept is not None and kept[:2] == (movie, field) else None
         if stacks is None:
             self.status.setText("Reading the movie…")
-        self._task = Task(
+        self._start(
+            self._on_computed,
             _computed,
             movie,
             corners,
@@ -217,12 +210,8 @@ class KymographDock(Docked):
             self.way_box.currentData(),
             stacks,
         )
-        self._task.returned.connect(self._on_computed)
-        self._task.failed.connect(self._on_failed)
-        self._task.start()
 
     def _on_computed(self, result: tuple[Movie, UvStacks, Kymograph]) -> None:
-        self._task = None
         movie, stacks, found = result
         if movie is self.session.movie:
             self._stacks = (movie, found.field, stacks)
@@ -236,26 +225,6 @@ class KymographDock(Docked):
                 f"{len(found.times_s)} timepoints."
             )
             self.export_button.setEnabled(True)
-        self._do_again()
-
-    def _on_failed(self, error: BaseException) -> None:
-        self._task = None
-        # A line that is not finished yet may be none.
-        if isinstance(error, Unwrap3DError):
-            self.status.setText(str(error))
-        else:
-            tell(error)
-        self._do_again()
-
-    def _do_again(self) -> None:
-        if self._again:
-            self._again = False
-            self._compute()
-
-    @property
-    def busy(self) -> bool:
-        """Whether a kymograph is being computed."""
-        return self._task is not None or self._wait.isActive()
 
     # Showing -------------------------------------------------------------------------
 

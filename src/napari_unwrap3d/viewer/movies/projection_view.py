@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import QComboBox, QDoubleSpinBox, QFormLayout, QLabel, QSizePolicy, QVBoxLayout
 
 from ...charts import Stack
-from ...errors import Unwrap3DError
 from ...imaging.surface_projection import REACH_UM, STATISTICS, VIEWS, SurfaceProjection
 from ...motion.projections import Projections
 from ..common.connections import end_with_dock
-from ..common.docking import Docked
-from ..common.threads import Task, tell
-from ..common.turns import soon
 from ..steps.plots import FONT, Plot
+from .computing_dock import ComputingDock
 from .session import MovieSession, movie_session_of
 
 if TYPE_CHECKING:
@@ -71,7 +68,7 @@ class ProjectionPlot(Plot):
         axes.set_xlabel("µm", fontsize=FONT, color=colours["text"], labelpad=1)
 
 
-class ProjectionDock(Docked):
+class ProjectionDock(ComputingDock):
     """A channel within ± µm of the surface (paper, Fig. 4c), at the timepoint that is shown.
 
     Parameters
@@ -84,10 +81,7 @@ class ProjectionDock(Docked):
         self.session = movie_session_of(getattr(napari_viewer, "__wrapped__", napari_viewer))
         self._projections: tuple[Movie, Wanted, Projections] | None = None
         self._limits: tuple[float, float] | None = None
-        self._task: Task | None = None
-        self._again = False
         self._build()
-        self._wait = soon(self, self._compute)
         for box in (self.channel_box, self.axis_box, self.statistic_box):
             box.currentIndexChanged.connect(self._later)
         self.reach_box.valueChanged.connect(self._later)
@@ -137,22 +131,13 @@ class ProjectionDock(Docked):
         super().showEvent(event)
         self._later()
 
-    def _later(self, _: Any = None) -> None:
-        self._wait.start()
-
-    @property
-    def busy(self) -> bool:
-        """Whether a projection is being computed."""
-        return self._task is not None or self._wait.isActive()
-
     def _compute(self) -> None:
         """Compute in a thread; what changes meanwhile is computed after it."""
         movie, frame = self.session.movie, self.session.frame
         channel = self.channel_box.currentIndex()
         if movie is None or frame is None or channel < 0 or not self.isVisible():
             return
-        if self._task is not None:
-            self._again = True
+        if self._postponed():
             return
         wanted = (
             channel,
@@ -162,10 +147,8 @@ class ProjectionDock(Docked):
         )
         kept = self._projections
         known = kept[2] if kept is not None and kept[:2] == (movie, wanted) else None
-        self._task = Task(_projected, movie, wanted, known, frame.timepoint)
-        self._task.returned.connect(partial(self._on_computed, movie, wanted, frame.time_s))
-        self._task.failed.connect(self._on_failed)
-        self._task.start()
+        show = partial(self._on_computed, movie, wanted, frame.time_s)
+        self._start(show, _projected, movie, wanted, known, frame.timepoint)
 
     def _on_computed(
         self,
@@ -174,7 +157,6 @@ class ProjectionDock(Docked):
         time_s: float,
         result: tuple[Projections, SurfaceProjection],
     ) -> None:
-        self._task = None
         projections, found = result
         if movie is self.session.movie:
             # The greys of the first picture are those of all that follow it.
@@ -183,20 +165,6 @@ class ProjectionDock(Docked):
             self._projections = (movie, wanted, projections)
             self.plot.show_projection(found, self._limits, f"{time_s:g} s")
             self.status.setText("")
-        self._do_again()
-
-    def _on_failed(self, error: BaseException) -> None:
-        self._task = None
-        if isinstance(error, Unwrap3DError):
-            self.status.setText(str(error))
-        else:
-            tell(error)
-        self._do_again()
-
-    def _do_again(self) -> None:
-        if self._again:
-            self._again = False
-            self._compute()
 
 
 def _projected(
